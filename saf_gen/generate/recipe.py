@@ -258,8 +258,8 @@ class SplitSettings(FrozenModel):
     at_rest: tuple[str, ...] = ()
     """Moving scenes of the split that are recorded only at rest, such as those with many time slices."""
     members: int | None = Field(default=None, ge=1, le=10_000)
-    """Number of members that are drawn from each scene's family, in place of ``repeats`` and ``variants``. Each counts as
-    a scene of its own in results, and has a lens motion of its own."""
+    """Number of members that are drawn from each scene's family, in place of ``repeats`` and ``variants``. Each counts
+    as a scene of its own in results, and has a lens motion of its own."""
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:

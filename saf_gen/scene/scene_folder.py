@@ -284,7 +284,9 @@ def _read(folder: Path) -> Scene:
     if isinstance(card.lens, LensFile):
         card = card.model_copy(update={"lens": card.lens.read_from(folder)})
     if card.lenses:
-        drawer = {name: lens.read_from(folder) if isinstance(lens, LensFile) else lens for name, lens in card.lenses.items()}
+        drawer = {
+            name: lens.read_from(folder) if isinstance(lens, LensFile) else lens for name, lens in card.lenses.items()
+        }
         card = card.model_copy(update={"lenses": drawer})
     check_groups(card.lights, document)
     if card.section is not None:

@@ -1,4 +1,4 @@
-"""Where things stand, drawn in pixels of the sensor and half depths of focus from the middle of the target."""
+"""Where things stand, in pixels of the sensor and half depths of focus from the middle of the target."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ NEAREST = 0.5  # of the target's distance: how near to the lens anything stands
 
 
 class Target(NamedTuple):
-    """A target: points in pixels and halves of a depth of focus, texture coordinates in pixels; its box (pixels).
+    """A target: points in pixels and half depths of focus, texture coordinates and a box in pixels.
 
-    ``narrowed`` is where the lens sees the texture narrowed most, and by which factor; ``notch`` is a missing corner, a
-    boolean for each cell of the grid.
+    ``narrowed`` is the direction in which the lens sees the texture narrowed, and the factor; ``notch``
+    is a missing corner, a boolean for each cell of the grid.
     """
 
     x: np.ndarray
@@ -58,7 +58,7 @@ class Target(NamedTuple):
 
 
 def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> Target:
-    """A board, a relief, the front of a ball or of a turned column; its box is at least twice the largest blur."""
+    """A board, a relief, the front of a ball or column, in a box at least twice as wide as the largest blur."""
     form, most = params["form"], FRAME_PX - 2 * RIM_PX
     least = 2.0 * max(sight.place, 1 - sight.place) * sight.travel + 3
     side = least + params["size"] * (0.92 * most - least)
@@ -95,7 +95,9 @@ def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) ->
             slopes = np.hypot(*np.gradient(hills, high / CELLS, wide / CELLS))
             z = z + hills * min(MAX_HILL / float(slopes.max()), 1.0)
         if form == "two_depths" and random.random() < 0.5:
-            notch = (u[1:, 1:] > 0.5 - random.uniform(0.35, 0.55)) & (v[1:, 1:] > 0.5 - random.uniform(0.35, 0.55))
+            notch = (u[1:, 1:] > 0.5 - random.uniform(0.35, 0.55)) & (
+                v[1:, 1:] > 0.5 - random.uniform(0.35, 0.55)
+            )
             notch = notch[:: random.choice([-1, 1]), :: random.choice([-1, 1])]
     halves = z / half_px
     if form in ("ball", "column"):
@@ -130,7 +132,7 @@ class Others(NamedTuple):
 
 
 def others(params: dict[str, Any], sight: Sight, made: Target, random: np.random.Generator) -> Others:
-    """A second board at another depth in the target's box, things in front of it, things between it and the wall."""
+    """A second board at another depth in the target's box, things in front of it, and things behind it."""
     hidden = np.zeros((FRAME_PX, FRAME_PX), dtype=bool)
     second = clutter = _nothing(sight, params)
     if params["form"] == "two_depths":
@@ -139,7 +141,9 @@ def others(params: dict[str, Any], sight: Sight, made: Target, random: np.random
         clutter = joined([_in_front(sight, made, hidden, random) for _ in range(random.integers(2, 6))])
     behind = [_behind(params, sight, random) for _ in range(int(params["things"]))]
     mine = _box(made)
-    return Others(second, clutter, joined(behind) if behind else _nothing(sight, params), float(hidden[mine].mean()))
+    return Others(
+        second, clutter, joined(behind) if behind else _nothing(sight, params), float(hidden[mine].mean())
+    )
 
 
 def _second(sight: Sight, made: Target, hidden: np.ndarray, random: np.random.Generator) -> Body:
@@ -180,7 +184,11 @@ def _in_front(sight: Sight, made: Target, hidden: np.ndarray, random: np.random.
     hidden |= (np.abs(across) < radius) & (np.abs(along) < long / 2)
     steps = np.linspace(-0.5, 0.5, 9) * long
     bend = random.uniform(-0.1, 0.1) * long * (1 - (2 * steps / long) ** 2)
-    path = sight.at(x + steps * np.cos(angle) - bend * np.sin(angle), y + steps * np.sin(angle) + bend * np.cos(angle), away)
+    path = sight.at(
+        x + steps * np.cos(angle) - bend * np.sin(angle),
+        y + steps * np.sin(angle) + bend * np.cos(angle),
+        away,
+    )
     return tube(path, radius * float(sight.scale(away)), around=16)
 
 
@@ -198,12 +206,20 @@ def _behind(params: dict[str, Any], sight: Sight, random: np.random.Generator) -
     elif kind == 1:
         made = box((-0.6 * radius,) * 3, (0.6 * radius,) * 3)
     else:
-        made = turned([(0.0, -0.8 * radius), (0.55 * radius, -0.8 * radius), (0.55 * radius, 0.8 * radius), (0.0, 0.8 * radius)], around=48)
+        made = turned(
+            [
+                (0.0, -0.8 * radius),
+                (0.55 * radius, -0.8 * radius),
+                (0.55 * radius, 0.8 * radius),
+                (0.0, 0.8 * radius),
+            ],
+            around=48,
+        )
     return placed(made, sight.at(x, y, away), turn=turn, scale=scale)
 
 
 def wall_halves(params: dict[str, Any], sight: Sight) -> float:
-    """Half depths of focus from the target to the wall, which is at most as far behind it as the lens is before it."""
+    """Half depths of focus from the target to the wall, at most as far as from the target to the lens."""
     return float(min(params["wall"], sight.focused / sight.half))
 
 

@@ -1,7 +1,7 @@
 """A small scene: a target with a drawn form, texture, place and light, things around it, and a wall behind.
 
-World frame: millimetres, x right, y up; the lens stands at the origin and looks along -z. A layout that is not
-``usable`` is drawn again, by numbers of its own.
+World frame: millimetres, x right, y up; the lens stands at the origin and looks along -z. A layout that is
+not ``usable`` is drawn again, by numbers of its own.
 """
 
 from __future__ import annotations
@@ -22,7 +22,15 @@ MAX_TRIES = 30
 MIN_CONTRAST, MAX_HIDDEN, MAX_DEPTH = 0.012, 0.4, 5.5  # what usable() asks for
 ROUGHNESS = {"satin": 0.3, "glossy": 0.12}
 REFLECTANCE = (0.02, 0.9)
-OTHERS = ("noise", "dead_leaves", "weave", "bark", "print", "foliage", "paper")  # textures of what is not the target
+OTHERS = (
+    "noise",
+    "dead_leaves",
+    "weave",
+    "bark",
+    "print",
+    "foliage",
+    "paper",
+)  # textures of what is not the target
 
 
 class Layout(NamedTuple):
@@ -52,7 +60,9 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
         "things": (layout.others.things, surfaces.glossy(skins["things"], 0.25)),
         "wall": (layouts.wall(params, sight)[0], None),
     }
-    meshes = {name: _mesh(name, body, coat or surfaces.matte(skins[name])) for name, (body, coat) in parts.items()}
+    meshes = {
+        name: _mesh(name, body, coat or surfaces.matte(skins[name])) for name, (body, coat) in parts.items()
+    }
     return {"type": "scene", **meshes, **_lamps(params, sight)}
 
 
@@ -71,7 +81,7 @@ def draw(params: dict[str, Any], sight: Sight) -> tuple[Layout, int]:
 
 
 def usable(layout: Layout) -> bool:
-    """By what is there, and by no measure of focus: contrast, what is hidden, depth in half depths of focus."""
+    """By what is there, and by no measure of focus: contrast, hidden share, depth in half depths of focus."""
     seen = layout.contrast >= MIN_CONTRAST and layout.others.hidden <= MAX_HIDDEN
     return seen and layout.target.depth <= MAX_DEPTH
 
@@ -86,11 +96,15 @@ def _draw(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> 
     pictures = {"target": reflectance(picture, tone, params["contrast"] * (5 if specks else 1))}
     for name, side in {"second": 100.0, "clutter": 60.0, "things": 60.0}.items():
         pictures[name] = _other(OTHERS[random.integers(len(OTHERS))], side, random)
-    pictures["wall"] = _other(params["wall_texture"], layouts.wall(params, sight)[1], random, tone=params["wall_tone"])
+    pictures["wall"] = _other(
+        params["wall_texture"], layouts.wall(params, sight)[1], random, tone=params["wall_tone"]
+    )
     return Layout(target, others, pictures)
 
 
-def _other(kind: str, side_px: float, random: np.random.Generator, *, tone: float | None = None) -> np.ndarray:
+def _other(
+    kind: str, side_px: float, random: np.random.Generator, *, tone: float | None = None
+) -> np.ndarray:
     """Reflectances of what is not the target."""
     feature, slope, contrast = random.uniform(3, 12), random.uniform(0.8, 2), random.uniform(0.1, 0.5)
     picture = texture(kind, side_px, feature_px=feature, slope=slope, cut=0.7 * CUT, random=random)
@@ -98,7 +112,7 @@ def _other(kind: str, side_px: float, random: np.random.Generator, *, tone: floa
 
 
 def reflectance(picture: np.ndarray, tone: float, contrast: float) -> np.ndarray:
-    """A picture of mean 0 and SD 1 as reflectances around a tone, with this contrast or the largest without a cut."""
+    """A picture of mean 0 and SD 1 as reflectances, with this contrast or the largest that fits."""
     low, high = REFLECTANCE
     most = min((tone - low) / -float(picture.min()), (high - tone) / float(picture.max()))
     return (tone + min(contrast * tone, most) * picture).astype(np.float32)
@@ -109,7 +123,7 @@ def _mesh(name: str, body: Body, bsdf: dict[str, Any]) -> mi.Mesh:
 
 
 def _lamps(params: dict[str, Any], sight: Sight) -> dict[str, Any]:
-    """A lamp to one side of the lens, and light from all sides; the target has about 3 W m^-2 of the lamp's."""
+    """A lamp to one side of the lens, which gives the target about 3 W m^-2, and light from all sides."""
     azimuth, height = np.radians(params["lamp_azimuth_deg"]), np.radians(params["lamp_height_deg"])
     way = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)])
     place, away = sight.at(0.0, 0.0), 1.4 * sight.focused

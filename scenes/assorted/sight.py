@@ -11,9 +11,9 @@ PIXEL_MM, FRAME_PX, WAVE_MM = 0.02, 128, 555e-6
 
 
 class Sight(NamedTuple):
-    """Where the target's middle is in focus, as a fraction of the travel, which is so many half depths of focus long.
+    """Where in the travel the target is in focus, 0 to 1, and how many half depths of focus the travel has.
 
-    Distances (mm) from the lens as the card places it, and in focus; mm for a pixel and for half a depth of focus there.
+    Distances (mm) from the lens, as on the card and in focus; mm for a pixel and half a depth of focus.
     """
 
     place: float
@@ -28,14 +28,14 @@ class Sight(NamedTuple):
         return self.pixel * (1 + self.half * np.asarray(halves, dtype=np.float64) / self.focused)
 
     def at(self, x_px: Any, y_px: Any, halves: Any = 0.0) -> np.ndarray:
-        """World points (mm) so many pixels right and up from the middle of the picture, and half depths behind."""
+        """World points (mm): pixels right and up from the middle of the picture, half depths behind."""
         depth = self.away + self.half * np.asarray(halves, dtype=np.float64)
         scale = self.scale(halves)
         return np.stack(np.broadcast_arrays(x_px * scale, y_px * scale, -depth), axis=-1)
 
 
 def look(lens: Mapping[str, Any], place_deg: float) -> Sight:
-    """What a lens sees of a target, by the keys of a scene card's lens; the card says what ``place_deg`` is."""
+    """What a lens, by the keys of a scene card, sees of a target; the card says what ``place_deg`` is."""
     drive, place = lens["drive"], float(0.5 - 0.46 * np.cos(np.radians(place_deg)))
     f = lens["image_distance_mm" if drive == "focal_length" else "focal_length_mm"]
     radius = f / (2 * lens["f_number"])

@@ -1,7 +1,7 @@
-"""Textures of eleven kinds, float32 with mean 0 and SD 1, row 0 at the top: two texels for a pixel of the sensor.
+"""Textures of eleven kinds, float32 with mean 0 and SD 1, row 0 at the top: two texels a pixel of the sensor.
 
-Each is drawn with four texels for a pixel and then loses all that is finer than ``cut`` cycles a pixel, so that neither
-its texels nor the pixels of the sensor alias it.
+Each is drawn with four texels a pixel and then loses all that is finer than ``cut`` cycles a pixel, so that
+neither its texels nor the pixels of the sensor alias it.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from letters import drawn, lines
 
 FINE, TEXELS = 4, 2  # texels a pixel while it is drawn, and in the end
-RIM_PX = 6  # cut off, because what is cut from the spectrum rings where the rim of a picture meets the other side
+RIM_PX = 6  # cut off: what is cut from the spectrum rings where the rims of a picture meet
 ALPHABET = tuple("ABCDEFGHIJKLMNOPRSTUVWXYZ0123456789")
 
 
 class Sheet(NamedTuple):
-    """Where a pattern is drawn: the middles of fine texels along a side (pixels), its scale, its random numbers."""
+    """Where a pattern is drawn: middles of fine texels along a side (pixels), its scale, random numbers."""
 
     at: np.ndarray
     feature: float
@@ -30,11 +30,20 @@ class Sheet(NamedTuple):
         """Length of a side, pixels."""
         return self.at.size / FINE
 
+    @property
+    def frequencies(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies across (col,) and down (row, 1), cycles a pixel."""
+        return np.fft.rfftfreq(self.at.size, 1 / FINE), np.fft.fftfreq(self.at.size, 1 / FINE)[:, None]
+
+    def filtered_noise(self, transfer: np.ndarray) -> np.ndarray:
+        """White noise through a transfer function, SD 1."""
+        shape = (self.at.size, self.at.size)
+        return _unit(np.fft.irfft2(np.fft.rfft2(self.random.standard_normal(shape)) * transfer, s=shape))
+
     def noise(self, scale: float, *, stretch: float = 1.0) -> np.ndarray:
         """Smooth noise of SD 1 whose blobs are so wide (pixels), and ``stretch`` times as high."""
-        u, v = np.fft.rfftfreq(self.at.size, 1 / FINE), np.fft.fftfreq(self.at.size, 1 / FINE)
-        keep = np.exp(-((scale * np.hypot(u, stretch * v[:, None])) ** 2))
-        return _unit(np.fft.irfft2(np.fft.rfft2(self.random.standard_normal((self.at.size,) * 2)) * keep, s=(self.at.size,) * 2))
+        u, v = self.frequencies
+        return self.filtered_noise(np.exp(-((scale * np.hypot(u, stretch * v)) ** 2)))
 
     def turned(self, angle: float, *, warp: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (pixels) on axes turned by an angle (radians), which wander by ``warp`` pixels (SD)."""
@@ -66,9 +75,9 @@ def texture(
     slope : float
         Of ``noise``: amplitude falls as frequency to this power.
     cut : float
-        Highest frequency that the lens sees, cycles a pixel; from four fifths of it on, contrast falls to nothing.
+        Highest frequency that the lens sees, cycles a pixel; contrast falls to 0 from four fifths of it on.
     narrowed : tuple of float
-        Direction (radians, from the right upwards) in which the lens sees the texture narrowed, and by which factor.
+        Direction (radians, from the right upwards) in which the lens sees it narrowed, and by which factor.
     """
     count = TEXELS * int(np.ceil(side_px + 2 * RIM_PX))
     sheet = Sheet((np.arange(count * FINE // TEXELS) + 0.5) / FINE, feature_px, slope, random)
@@ -96,9 +105,7 @@ def _soft(picture: np.ndarray, limit: float = 2.0) -> np.ndarray:
 
 def _noise(s: Sheet) -> np.ndarray:
     """Power 1/f^(2·slope)."""
-    u, v = np.fft.rfftfreq(s.at.size, 1 / FINE), np.fft.fftfreq(s.at.size, 1 / FINE)
-    f = np.maximum(np.hypot(u, v[:, None]), 1 / s.side)
-    return _soft(np.fft.irfft2(np.fft.rfft2(s.random.standard_normal((s.at.size,) * 2)) * f**-s.slope, s=(s.at.size,) * 2))
+    return _soft(s.filtered_noise(np.maximum(np.hypot(*s.frequencies), 1 / s.side) ** -s.slope))
 
 
 def _dead_leaves(s: Sheet) -> np.ndarray:
@@ -128,7 +135,10 @@ def _weave(s: Sheet) -> np.ndarray:
     x, y = s.turned(s.random.uniform(-0.6, 0.6), warp=0.12 * period)
     x, y = x / period + 1e3, y / period + 1e3
     column, row = np.floor(x).astype(int), np.floor(y).astype(int)
-    warp_tone, weft_tone = s.random.normal(0.62, 0.07, 4096), s.random.normal(s.random.uniform(0.2, 0.6), 0.07, 4096)
+    warp_tone, weft_tone = (
+        s.random.normal(0.62, 0.07, 4096),
+        s.random.normal(s.random.uniform(0.2, 0.6), 0.07, 4096),
+    )
     over_warp = (column + step * row) % repeat < over
     aside = np.where(over_warp, x - column, y - row) - 0.5
     bright = np.where(over_warp, warp_tone[column % 4096], weft_tone[row % 4096])
@@ -175,7 +185,9 @@ def _tissue(s: Sheet) -> np.ndarray:
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
             i, j = (row + down) % 64, (column + right) % 64
-            away = np.hypot(x / cell - column - right - jitter[0, i, j], y / cell - row - down - jitter[1, i, j])
+            away = np.hypot(
+                x / cell - column - right - jitter[0, i, j], y / cell - row - down - jitter[1, i, j]
+            )
             value = tones[i, j] - 0.8 * np.clip((size[i, j] - away) / 0.06, 0, 1)
             nearer = away < first
             second = np.where(nearer, first, np.minimum(second, away))
@@ -223,7 +235,9 @@ def _foliage(s: Sheet) -> np.ndarray:
         u, v = (x * np.cos(angle) + y * np.sin(angle)) / half, (y * np.cos(angle) - x * np.sin(angle)) / half
         rim = 0.42 * np.clip(1 - u**2, 0, 1) ** 0.8
         tone = -0.9 + 1.6 * n / count + s.random.normal(0, 0.35) + 0.5 * v
-        veins = np.where(np.mod(5 * u - 4 * np.abs(v), 1) < 0.14, 0.35, 0.0) + np.where(np.abs(v) < 0.035, 0.7, 0.0)
+        veins = np.where(np.mod(5 * u - 4 * np.abs(v), 1) < 0.14, 0.35, 0.0) + np.where(
+            np.abs(v) < 0.035, 0.7, 0.0
+        )
         picture[where] = np.where(np.abs(v) < rim, tone + veins, picture[where])
     return _soft(picture)
 
@@ -234,7 +248,9 @@ def _specks(s: Sheet) -> np.ndarray:
     for _ in range(int(s.side**2 * s.random.uniform(0.12, 0.7) / s.feature**2)):
         radius = s.feature * s.random.uniform(0.1, 0.35)
         where, x, y = _near(s, s.random.uniform(0, s.side, 2), 1.5 * radius + 1)
-        picture[where] = np.maximum(picture[where], s.random.uniform(0.4, 1) * np.clip(radius + 0.5 - np.hypot(x, y), 0, 1))
+        picture[where] = np.maximum(
+            picture[where], s.random.uniform(0.4, 1) * np.clip(radius + 0.5 - np.hypot(x, y), 0, 1)
+        )
     return picture
 
 

@@ -19,6 +19,7 @@ import json
 import resource
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -78,7 +79,7 @@ def spectral_slope(picture: np.ndarray) -> float:
     edges = np.geomspace(*BAND, 8)
     means = [
         (frequency[ring].mean(), power[ring].mean())
-        for a, b in zip(edges, edges[1:], strict=False)
+        for a, b in pairwise(edges)
         if (ring := (frequency >= a) & (frequency < b)).any()
     ]
     logs = np.log([m for m in means if m[1] > 0])
@@ -128,7 +129,9 @@ def report(members: Sequence[Row], scenes: Sequence[Row]) -> str:
         cells = " | ".join(f"{row.features[name]:.3g}" for name in FEATURES)
         lines.append(f"| `{row.name}` | {cells} | {', '.join(outside) or '–'} |")
     seconds = np.array([row.cpu_s for row in members])
-    lines.append(f"\n{len(members)} members; CPU seconds a member: median {np.median(seconds):.1f}, most {seconds.max():.1f}.")
+    lines.append(
+        f"\n{len(members)} members; CPU seconds a member: median {np.median(seconds):.1f}, most {seconds.max():.1f}."
+    )
     return "\n".join(lines)
 
 
@@ -139,7 +142,9 @@ def draw_sheet(rows: Sequence[Row], file: Path, *, across: int = 10) -> None:
     for axis in axes.flat:
         axis.axis("off")
     for axis, row in zip(axes.flat, rows, strict=False):
-        axis.imshow((row.picture / np.percentile(row.picture, 99.5)).clip(0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
+        axis.imshow(
+            (row.picture / np.percentile(row.picture, 99.5)).clip(0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1
+        )
         axis.set_title(row.name.removeprefix("assorted-"), fontsize=5)
     figure.tight_layout(pad=0.2)
     figure.savefig(file, dpi=110)
