@@ -317,6 +317,8 @@ def shrunk(text: str) -> str:
     """A recipe with a sixth of the pixels, half of the frames, few positions and few samples."""
     recipe = yaml.safe_load(text)
     recipe["camera"] |= {"sensor": "quarter.yaml", "frames": recipe["camera"]["frames"] // 2}
+    if "stacks" in recipe:
+        return yaml.safe_dump(recipe, sort_keys=False)
     recipe["focus"]["positions"] = 9
     recipe["render"] = {"samples": 4, "max_depth": 3}
     return yaml.safe_dump(recipe, sort_keys=False)

@@ -474,9 +474,10 @@ def write_dataset_card(
     )
     matter = front_matter(manifest, licences, pattern="{split}/*.h5")
     write_text(folder / "README.md", matter + text)
+    how = "photographed" if of_stacks else "rendered"
     described = (
-        f"Spike-camera autofocus data, {'photographed' if of_stacks else 'rendered'} and simulated: "
-        f"{len(manifest.sequences)} sequences of {recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
+        f"Spike-camera autofocus data, {how} and simulated: {len(manifest.sequences)} sequences of "
+        f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
         f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
         "position at every frame."
     )

@@ -35,10 +35,10 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
         )
     unranked = {r.scene for r in records if r.error is not None}
     if not scenes and unranked:
+        few = "; and no rank comes from fewer than ten objects" if len(unranked) < MIN_RANKED else ""
         found.append(
-            f"There is no rank: no depth of focus is known of the {len(unranked)} objects, so that errors are fractions "
-            "of the travel"
-            + ("; and no rank comes from fewer than ten objects." if len(unranked) < MIN_RANKED else ".")
+            f"No ranks: no depth of focus is known of the {len(unranked)} objects, so that errors are fractions "
+            f"of the travel{few}."
         )
     found += [
         f"{row.method} fails methods check: {row.failed_check} (saf-gen methods check says why)."

@@ -261,8 +261,8 @@ def _seen(
         first, last = ([round(float(e[n])) for e in edges] for n in (0, -1))
         raise BadInput(
             f"box is {list(box)}, of which the sensor sees {seen[1]} × {seen[0]} pixels", where=where,
-            allowed=f"left, top, columns, rows within columns {first[1]} to {last[1]} and rows {first[0]} to {last[0]}, "
-            f"at least {MIN_BOX} × {MIN_BOX} of its pixels of {scale:.3g}",
+            allowed=f"left, top, columns, rows in columns {first[1]} to {last[1]} and rows {first[0]} to {last[0]}, "
+            f"at least {MIN_BOX} × {MIN_BOX} of its pixels, which are {scale:.3g} wide",
         )  # fmt: skip
     return light, np.outer(*inside)
 

@@ -27,7 +27,7 @@ from studies.speed.bench import fresh
 POSITIONS = 17  # more than LAYERED_POSITIONS
 SAMPLES = (1, 9)
 SLICES = 3
-COARSE = 4  # pixels of the small pictures are so many times as wide
+COARSE, SLICE_COARSE = 4, 2  # pixels of small pictures, and of slices, are so many times as wide
 HEAD = """\
 # What each scene costs to render, by `python -m studies.speed.cost --write`, in seconds of one core of about 2.8 GHz
 # (saf_gen.generate.cost.SceneCost): default members, 400x250 pixels. Shards are cut by these figures.
@@ -37,8 +37,9 @@ HEAD = """\
 def measure(name: str) -> SceneCost | None:
     """Return the costs of a scene, of the default member of its family; None for a thin section, which has no rays."""
     scene, sensor = find_scene(name), get_sensor("vidar_400x250")
-    coarse = replace(
-        sensor, rows=sensor.rows // COARSE, columns=sensor.columns // COARSE, pitch_m=sensor.pitch_m * COARSE
+    coarse, halved = (
+        replace(sensor, rows=sensor.rows // n, columns=sensor.columns // n, pitch_m=sensor.pitch_m * n)
+        for n in (COARSE, SLICE_COARSE)
     )
     per_s = scene.card.slices_per_s
 
@@ -62,12 +63,12 @@ def measure(name: str) -> SceneCost | None:
         times = [scene.card.still_s + n / per_s for n in range(SLICES)]
         middle = (POSITIONS // 2, POSITIONS // 2 + 1)
 
-        def slices(grid: Sensor, samples: int) -> list[StackSpec]:
+        def slices(samples: int) -> list[StackSpec]:
             moments = zip(times, slice_moments(times), strict=True)
-            return [replace(still(grid, samples), time_s=t, window=middle, moments_s=m) for t, m in moments]
+            return [replace(still(halved, samples), time_s=t, window=middle, moments_s=m) for t, m in moments]
 
-        _render(scene, slices(coarse, few)[:1])
-        runs += [slices(sensor, few)[:1], slices(sensor, few), slices(sensor, many // 3)]
+        _render(scene, slices(few)[:1])  # compiles
+        runs += [slices(few)[:1], slices(few), slices(many)]
     seconds = np.array([_render(scene, specs) for specs in runs])
     planes = [sum(len(s.groups) * s.rows * s.columns * s.rendered_count for s in specs) for specs in runs]
     rest = np.maximum(seconds - 2 * PLANE_S_PER_PIXEL * np.array(planes), 0)  # that figure is of two cores
