@@ -45,5 +45,6 @@ def grain_seconds(stack: TimeResolvedStack) -> float:
     """Return the time of the second render of a stack, or of a few slices that do not follow each other (s)."""
     if stack.specs[-1].estimator == WAVES:
         return 0.0  # nothing is random
-    again = second_render(stack.specs[-1], slices=len(stack.specs))
-    return count_slices_to_repeat(len(stack.specs)) * (render_seconds(again) + start_seconds(again))
+    count = len(stack.moments)
+    again = second_render(stack.specs[-1], slices=count)
+    return count_slices_to_repeat(count) * (render_seconds(again) + start_seconds(again))
