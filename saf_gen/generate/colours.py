@@ -1,8 +1,10 @@
 """The colour of the lenses of a recipe: what each does to light of other wavelengths, and whether pictures show it."""
 
 import json
-from collections.abc import Iterable, Iterator
-from typing import Any, Protocol
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from math import hypot
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,9 +13,9 @@ from saf_gen.core.spectrum import NM, describe
 from saf_gen.errors import BadInput, located
 from saf_gen.generate.recipe import Recipe
 from saf_gen.optics import AxialColour, FittedLensDrive
-from saf_gen.optics.axial_colour import stack_margin
+from saf_gen.optics.axial_colour import BAND_NM, stack_margin
 from saf_gen.optics.lens_card import LensFile
-from saf_gen.optics.lens_colour import lens_colour, neglected
+from saf_gen.optics.lens_colour import band_waves, hats, lens_colour, neglected
 from saf_gen.plugins.lights import states_spectrum
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.colour import MAX_SCALE_PX, Colour
@@ -81,15 +83,47 @@ def axial_colour(recipe: Recipe, scene: Scene) -> AxialColour | None:
     return lens_colour(lens.lens, drive, drawn_nm=lens.wave_nm or lens.lens.primary_nm)
 
 
-def find_margin(spec: StackSpec, recipe: Recipe, *, scene: Scene, sensor: Sensor) -> tuple[int, int]:
+def find_bands(recipe: Recipe, scene: Scene) -> tuple[float, ...]:
+    """Return the wavelengths (nm) at which a scene is rendered for lights with spectra; none if it is one as ever."""
+    lens = scene.card.lens
+    if recipe.render.bands == 1 or not isinstance(lens, LensFile):
+        return ()
+    return band_waves(lens.lens, recipe.render.bands)
+
+
+def in_bands(spec: StackSpec, scene: Scene, *, bands_nm: Sequence[float]) -> tuple[StackSpec, ...]:
+    """Return a stack at each of these wavelengths (nm): its lens, and its waves unless they are left out.
+
+    Without any of them it is the stack itself. Raises BadInput if the lens cannot be shown at one of them.
+    """
+    lens, found = scene.card.lens, list[StackSpec]()
+    for nm in bands_nm:
+        assert isinstance(lens, LensFile)  # others have no bands
+        assert isinstance(spec.drive, FittedLensDrive)  # that of a lens file
+        drive = replace(spec.drive, wavefront=lens.lens.rays_at(nm))
+        found.append(replace(spec, drive=drive, wavelength_m=nm * 1e-9 if spec.wavelength_m else 0.0))
+        found[-1].in_focus.check(rows=spec.rows, columns=spec.columns)
+    return tuple(found) or (spec,)
+
+
+def find_margin(
+    spec: StackSpec, recipe: Recipe, *, scene: Scene, sensor: Sensor, bands_nm: Sequence[float]
+) -> tuple[int, int]:
     """Return how many positions beyond the travel the stacks of a scene need.
 
-    They are the same under every light of the recipe, with a spectrum or without, so that all share their stacks.
+    They are the same under every light of the recipe, with a spectrum or without, so that all share their stacks. In
+    bands they are those that the colour between a band and the next needs, and none for lights without a spectrum.
     """
-    colour = axial_colour(recipe, scene)
+    colour, reference = axial_colour(recipe, scene), sensor.wavelength_m * 1e9
     if colour is None or not any(map(states_spectrum, recipe.lights.values())):
         return (0, 0)
-    margin = stack_margin(colour, spec.drive, positions=spec.positions, reference_nm=sensor.wavelength_m * 1e9)
+    if find_bands(recipe, scene) and not bands_nm:
+        return (0, 0)
+    margin = (0, 0)
+    for part, drawn in zip(hats(BAND_NM, bands_nm), bands_nm or (colour.reference_nm,), strict=True):
+        of_band, seen = colour.relative_to(drawn), BAND_NM[part > 0]
+        more = stack_margin(of_band, spec.drive, positions=spec.positions, reference_nm=reference, nm=seen)
+        margin = max(margin[0], more[0]), max(margin[1], more[1])
     if isinstance(scene.card.lens, LensFile):
         f, nearest = spec.drive.focused_image_distance(np.array([0.0, 1 / scene.card.lens.lens.nearest_m]))  # type: ignore[attr-defined]
         ends = np.array([-margin[0], spec.positions - 1 + margin[1]]) / (spec.positions - 1)
@@ -105,13 +139,28 @@ def find_margin(spec: StackSpec, recipe: Recipe, *, scene: Scene, sensor: Sensor
 
 
 def check_colours(sequences: Iterable[Drawn], recipe: Recipe) -> None:
-    """Raise BadInput if a filter has nothing to filter, or pictures of one wavelength cannot show a lamp's light."""
-    coloured = False
+    """Raise BadInput if a filter has nothing to filter, pictures of few wavelengths cannot show a lamp's light, or more
+    of them show it no better.
+    """
+    coloured, banded, better = False, False, False
     for s, colour in _distinct(sequences):
         coloured |= any(lamp.spectrum for lamp in colour.lamps)
         with located("", prefix=f"light {s.planned.light!r} on {s.planned.scene}: "):
-            colour.check(s.time_stack.specs[0])
-            _lacks(s, colour)
+            colour.check([band[0] for band in s.time_stack.bands])
+            banded |= bool(colour.bands_nm)
+            better |= _check_lacks(s, colour)
+    bands = recipe.render.bands
+    if bands > 1 and not banded:
+        raise BadInput(
+            f"render.bands is {bands}, but no light with a spectrum falls through a lens that is read from a file",
+            allowed="1",
+            hint="give a light a spectrum, and a scene a lens such as {file: double_gauss, …}",
+        )
+    if bands > 1 and not better:
+        raise BadInput(
+            f"render.bands is {bands}, which shows no light of this recipe better than one wavelength does",
+            allowed="1, or more of them",
+        )
     if recipe.camera.filter not in (None, "none") and not coloured:
         raise BadInput(
             f"camera.filter is {recipe.camera.filter}, but no light has a spectrum",
@@ -122,7 +171,16 @@ def check_colours(sequences: Iterable[Drawn], recipe: Recipe) -> None:
 
 def missing_colours(sequences: Iterable[Drawn]) -> list[str]:
     """Return a line for each lamp and lens read from a file: what mixed pictures do not show of them."""
-    return list(dict.fromkeys(line for s, colour in _distinct(sequences) for line in _lacks(s, colour)))
+    lacks = [lack for s, colour in _distinct(sequences) for lack in _find_lacks(s, colour)]
+    return list(dict.fromkeys(lack.line for lack in lacks))
+
+
+class _Lack(NamedTuple):
+    """What pictures of a lamp lack: lateral colour and blur, in pixels, and in words."""
+
+    lateral: float
+    blur: float
+    line: str
 
 
 def _distinct(sequences: Iterable[Drawn]) -> Iterator[tuple[Drawn, Colour]]:
@@ -130,7 +188,9 @@ def _distinct(sequences: Iterable[Drawn]) -> Iterator[tuple[Drawn, Colour]]:
     seen = set[str]()
     for s in sequences:
         spec, planned = s.time_stack.specs[0], s.planned
-        colour = Colour.find(planned.schedule, spec.groups, sensor=s.sensor, axial_colour=planned.axial_colour)
+        colour = Colour.find(
+            planned.schedule, spec.groups, sensor=s.sensor, axial_colour=planned.axial_colour, bands_nm=planned.bands_nm
+        )
         if colour is None:
             continue
         key = json.dumps([spec.key, [lamp.spectrum for lamp in colour.lamps]], sort_keys=True)
@@ -139,9 +199,13 @@ def _distinct(sequences: Iterable[Drawn]) -> Iterator[tuple[Drawn, Colour]]:
             yield s, colour
 
 
-def _lacks(s: Drawn, colour: Colour) -> list[str]:
-    """Return a line for each lamp, what its pictures lack; raise BadInput if it is too much to be shown."""
-    card, spec, found = s.scene.card.lens if isinstance(s.scene, Scene) else None, s.time_stack.specs[0], list[str]()
+def _find_lacks(s: Drawn, colour: Colour) -> list[_Lack]:
+    """Return what the pictures of each lamp with a spectrum lack, if the lens is read from a file.
+
+    Raises BadInput if the lens is not fitted for its light.
+    """
+    card, spec, found = s.scene.card.lens if isinstance(s.scene, Scene) else None, s.time_stack.specs[0], list[_Lack]()
+    count = f"{len(colour.bands_nm)} wavelengths" if colour.bands_nm else "one wavelength"
     if not isinstance(card, LensFile) or colour.axial_colour is None:
         return found
     assert isinstance(spec.drive, FittedLensDrive)  # that of a lens file
@@ -158,18 +222,39 @@ def _lacks(s: Drawn, colour: Colour) -> list[str]:
                 allowed=f"at most {MAX_BEYOND:.0%} beyond {low:g} to {high:g} nm",
                 hint="give the camera an IR cut with filter: ir_cut, or fit the lens with saf-gen lens fit --waves-nm",
             )
-        lack = neglected(card.lens, spec.drive, colour=colour.axial_colour, weights=weights, nm=NM, height_m=height)
-        lateral, blur = lack.lateral_m / spec.pitch_m, lack.blur_m / spec.pitch_m
-        if max(lateral, blur) > MAX_SCALE_PX:
-            raise BadInput(
-                f"pictures of one wavelength show {name!r} through {card.lens.name} {lateral:.2g} pixels beside its "
-                f"place, and leave out a blur of {blur:.2g}",
-                allowed=f"at most {MAX_SCALE_PX:g} of either",
-                hint="a higher f_number, a smaller picture, or an IR cut with filter: ir_cut",
+        lateral, blur = (
+            off / spec.pitch_m
+            for off in neglected(
+                card.lens,
+                spec.drive,
+                colour=colour.axial_colour,
+                weights=weights,
+                nm=NM,
+                height_m=height,
+                bands_nm=colour.bands_nm,
             )
-        found.append(
-            f"{s.planned.scene} under {name!r}: pictures mixed from those of one wavelength leave out lateral "
+        )
+        line = (
+            f"{s.planned.scene} under {name!r}: pictures mixed from those of {count} leave out lateral "
             f"colour of up to {lateral:.2g} pixels rms and a blur of {blur:.2g}; {beyond:.1%} of the electrons are "
             f"beyond {low:g} to {high:g} nm and focus as at its ends"
         )
+        found.append(_Lack(lateral, blur, line))
     return found
+
+
+def _check_lacks(s: Drawn, colour: Colour) -> bool:
+    """Return whether bands show a lamp's light better than one wavelength; raise BadInput if too much is lacking."""
+    lacks = _find_lacks(s, colour)
+    for lack in lacks:
+        if max(lack.lateral, lack.blur) > MAX_SCALE_PX:
+            raise BadInput(
+                lack.line,
+                allowed=f"at most {MAX_SCALE_PX:g} of either",
+                hint=f"render: {{bands: {len(colour.bands_nm) + 4}}}, a higher f_number, a smaller picture, or an IR "
+                "cut with filter: ir_cut",
+            )
+    if not colour.bands_nm:
+        return False
+    ones = _find_lacks(s, replace(colour, bands_nm=()))
+    return any(hypot(*now[:2]) < hypot(*one[:2]) for now, one in zip(lacks, ones, strict=True))

@@ -203,7 +203,7 @@ class Plan:
         if self.share is None or stack not in self.share.cut:
             return ""
         mine = sum(spec in self.share.specs for spec in stack.specs)
-        return f", {mine} of {len(stack.specs)} slices"
+        return f", {mine} of {len(stack.specs)} {'slices' if stack.is_moving else 'wavelengths'}"
 
     @property
     def renders(self) -> bool:
@@ -272,7 +272,8 @@ class Plan:
             recordings = sum(s.planned.id in self.unrecorded for s in self.by_stack.get(stack, ()))
             render_s = fsum(render_seconds(spec) for spec in missing)
             if render_s:
-                render_s += start_seconds(missing[0]) + grain_seconds(stack)
+                starts = [next((spec for spec in band if spec in missing), None) for band in stack.bands]
+                render_s += fsum(start_seconds(spec) for spec in starts if spec) + grain_seconds(stack)
             works.append((render_s, recordings))
         record_s = self.resolved.pixel_frames / rates.recorded_per_s(workers)
         return WorkEstimate(

@@ -22,7 +22,7 @@ from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, located, unknown
-from saf_gen.generate.colours import axial_colour, check_colours, find_margin, missing_colours
+from saf_gen.generate.colours import axial_colour, check_colours, find_bands, find_margin, in_bands, missing_colours
 from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.recipe import Recipe, StackRecipe, find_recipe, read_recipe
 from saf_gen.optics.actuators import Actuator, get_actuator
@@ -48,12 +48,15 @@ class SceneFamily:
         Illuminance of the target at gain 1, by light group.
     axial_colour : mapping or None
         Axial colour of the lens, as the card states it.
+    bands_nm : tuple of float
+        Wavelengths (nm) at which recordings with spectra are rendered; empty for one.
     """
 
     params: Mapping[str, Any] = field(default_factory=dict)
     moves: bool = False
     illuminance_lux: Mapping[str, float] = field(default_factory=dict)
     axial_colour: Mapping[str, Any] | None = None
+    bands_nm: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ class PlannedSequence:
         Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
     axial_colour : dict or None
         Axial colour of the lens, if any light has a spectrum.
+    bands_nm : tuple of float
+        Wavelengths of its stacks, nm, if any light has a spectrum and there are several.
     actuator : Actuator or None
         What is told the lens motion; None if the lens moves as its motion says.
     actuator_seed : int
@@ -105,6 +110,7 @@ class PlannedSequence:
     motion: dict[str, Any]
     mean_rate: float | None
     axial_colour: dict[str, Any] | None = None
+    bands_nm: tuple[float, ...] = ()
     actuator: Actuator | None = None
     actuator_seed: int = 0
     is_scene: bool = False
@@ -112,13 +118,15 @@ class PlannedSequence:
     def as_dict(self) -> dict[str, Any]:
         """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant".
 
-        ``axial_colour`` is left out if it is None, and what results count as a scene. The actuator is there with its
-        seed and without its texts, if there is one.
+        ``axial_colour`` and ``bands_nm`` are left out if there are none, and what results count as a scene. The
+        actuator is there with its seed and without its texts, if there is one.
         """
         data = {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
         del data["is_scene"]  # which changes no spike
         if self.axial_colour is None:
             del data["axial_colour"]
+        if not self.bands_nm:
+            del data["bands_nm"]
         seed, actuator = data.pop("actuator_seed"), data.pop("actuator")
         if actuator is not None:
             del actuator["name"], actuator["sources"]  # texts do not move the lens
@@ -268,6 +276,7 @@ def _draw_sequence(
         motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
         mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
         axial_colour=dict(family.axial_colour) if coloured and family.axial_colour else None,
+        bands_nm=family.bands_nm if coloured else (),
         actuator=actuator,
         actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),
         is_scene=settings.members is not None,
@@ -495,6 +504,7 @@ def resolve_recipe(
                 scene.card.slices_per_s is not None,
                 scene.card.illuminance_lux,
                 _axial_colour(recipe, scene),
+                find_bands(recipe, scene) if isinstance(scene, Scene) else (),
             )
             for name, scene in scenes.items()
         }
@@ -576,7 +586,7 @@ def _resolve_sequences(
 ) -> Iterable[ResolvedSequence]:
     stacks: dict[str, tuple[Scene | PictureStack, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
     for sequence in planned:
-        lens = [sequence.motion, sequence.actuator_seed]
+        lens = [sequence.motion, sequence.actuator_seed, sequence.bands_nm]
         key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, lens])
         if key not in stacks:
             scene = scenes[sequence.scene].with_params(sequence.params)
@@ -605,13 +615,14 @@ def _resolve_stacks(
             estimator=render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
-        spec = replace(spec, margin=find_margin(spec, recipe, scene=scene, sensor=sensor))
+        margin = find_margin(spec, recipe, scene=scene, sensor=sensor, bands_nm=sequence.bands_nm)
+        bands = in_bands(replace(spec, margin=margin), scene, bands_nm=sequence.bands_nm)
     if sequence.scene_motion == "static":
-        return TimeResolvedStack((0,), (spec,)), None
+        return TimeResolvedStack((0,), bands), None
     slices_per_s = render.slices_per_s or card.slices_per_s or 0.0
     position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    before, after = spec.margin
+    before, after = margin
     windows = [
         (first - before, last + after) for first, last in slice_windows(position, starts, positions=spec.positions)
     ]
@@ -619,7 +630,8 @@ def _resolve_stacks(
     filtered = render.estimator == "filtered"
     moments = slice_moments(times) if filtered else [()] * len(times)
     slices = (
-        replace(spec, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
+        replace(band, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
+        for band in bands
         for time_s, window, shading_moments in zip(times, windows, moments, strict=True)
     )
     stack = TimeResolvedStack(starts, tuple(slices))

@@ -4,7 +4,7 @@ Constants are tuned on the split train; the split test is reserved for finished 
 """
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -146,7 +146,7 @@ def tune(
     return tuned, tuple(rows)
 
 
-def find_objective(records: Iterable[Record]) -> float | None:
+def find_objective(records: Sequence[Record]) -> float | None:
     """Return what tuning maximises: the rate of right answers minus the rate of answers where there is none.
 
     A right answer is within one depth of focus. No answer is right where the lens never comes that near to the focus.

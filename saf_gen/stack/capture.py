@@ -101,12 +101,15 @@ class Capture:
                 allowed="streams of a dataset, for the closed-loop track",
                 hint="remove it and run saf-gen generate again, or use --track recorded",
             ) from error
-        specs = tuple(StackSpec.read(stacks, key) for key in keys)
-        moving = len(specs) > 1
-        slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in specs) if moving else (0,)
+        specs, bands_nm = tuple(StackSpec.read(stacks, key) for key in keys), tuple(sequence.get("bands_nm", ()))
+        moments = specs[: len(specs) // max(len(bands_nm), 1)]
+        moving = len(moments) > 1
+        slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in moments) if moving else (0,)
         time_stack = TimeResolvedStack(slice_frames, specs)
         axial_colour, groups = sequence.get("axial_colour"), specs[0].groups
-        colour = Colour.find(sequence.get("schedule", {}), groups, sensor=sensor, axial_colour=axial_colour)
+        colour = Colour.find(
+            sequence.get("schedule", {}), groups, sensor=sensor, axial_colour=axial_colour, bands_nm=bands_nm
+        )
         plane_source, frames, slices = PlaneSource.from_folder(time_stack, stacks), len(gain), ""
         if plane_source.digest != provenance["stack_digest"]:
             raise BadInput(
@@ -115,7 +118,7 @@ class Capture:
                 hint="run saf-gen generate again",
             )
         full_travel = time_stack.with_full_travel()
-        if moving and full_travel == time_stack and full_travel.count_stored(stacks) < len(specs):
+        if moving and full_travel == time_stack and full_travel.count_stored(stacks) < len(moments):
             raise _lacking_slices_error(provenance.get("recipe", ""), where)
         if moving and full_travel != time_stack:
             frames = min(frames, slice_frames[max(full_travel.count_stored(stacks) - 1, 0)])

@@ -96,7 +96,7 @@ def test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength
             assert peaks[0] == pytest.approx(peaks[1], abs=0.05), (lamp, cut)
             found[lamp] = peaks[0]
             flat = np.full((1, 1), DISTANCE_M)
-            blend = colour.blends(spec, gain=np.ones((1, 1)), charge=np.ones(1)).blends[0]
+            blend = colour.blends([spec], gain=np.ones((1, 1)), charge=np.ones(1)).blends[0]
             truth = replace(spec.in_focus, blend=blend).true_focus(flat, flat > 0) * (POSITIONS - 1) * step
             assert truth == pytest.approx(peaks[0], abs=0.4)  # the texture is finer than that of the truth
         apart = abs(found["tungsten"] - found["led"])
