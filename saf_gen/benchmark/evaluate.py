@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from saf_gen.benchmark.admission import admit_measure
+from saf_gen.benchmark.admission import admit_measure, describe_undeclared
 from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -153,6 +153,8 @@ def evaluate(
     chosen = parse_methods(methods, limits)
     if protocol is None:
         check_leaves_lens(list(chosen.values()))
+    for line in describe_undeclared(chosen.values()):
+        tell(line)
     groups = by_region(chosen, region)
     count = sum(len(group) for group in groups.values())
     selection = select_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
@@ -182,6 +184,12 @@ def evaluate(
         if not again.failed:
             return Evaluation((), (), ())
         keep, draw = None, False
+    if protocol is not None:
+        # Imported late because this loads the reader of OpenEXR files.
+        from saf_gen.benchmark.tracks.rehearsal import describe_short_budget
+
+        if tasks and (line := describe_short_budget(str(tasks[0].path), chosen.values(), protocol)):
+            tell(line)
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}
     if draw:
