@@ -119,7 +119,7 @@ class Record:
     note: str
     """Note of the search to the reader, or why the method failed."""
     region: str
-    """Region where the method looked: ``target`` or ``frame``."""
+    """Region where the method looked: ``target``, ``frame``, ``shifted``, ``half``, ``double`` or ``centre``."""
     data: str
     """content_sha256 of the stream; in a closed loop with other time slices than the recording, a digest of stream and
     slices."""

@@ -69,7 +69,10 @@ def evaluate_command(
     sweep: SweepMs = None,
     op_rate: OperationRate = None,
     region: Annotated[
-        str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
+        str,
+        typer.Option(
+            help="Where methods look: target (its bounding box), frame, both, shifted, half, double or centre."
+        ),
     ] = "target",
     cluster: ClusterAddress = None,
     limit_s: Annotated[

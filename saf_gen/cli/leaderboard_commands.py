@@ -190,7 +190,9 @@ def tune_command(
     budget: BudgetMs = None,
     sweep: SweepMs = None,
     op_rate: OperationRate = None,
-    region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
+    region: Annotated[
+        str, typer.Option(help="Where methods look: target (its bounding box), frame, shifted, half, double or centre.")
+    ] = "target",
     cluster: ClusterAddress = None,
 ) -> None:
     """Evaluate every combination of values on a split, and write the best one; `@FILE` then names this method."""

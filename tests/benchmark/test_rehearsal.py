@@ -16,10 +16,14 @@ METHODS = [parse_method(f"sd+{search}") for search in ("golden_section", "hill_c
 
 def test_a_faster_drive_needs_less_and_a_hand_more():
     golden = get_search("golden_section")
-    needed = [seconds_needed(golden, get_actuator(name), 20_000.0) for name in ("ideal", "voice_coil_hall", "hand")]
+    needed = [
+        seconds_needed(golden, get_actuator(name), readout_hz=20_000.0) for name in ("ideal", "voice_coil_hall", "hand")
+    ]
     assert needed == sorted(needed)
     assert needed[0] >= 11 * 100 / 20_000  # eleven samples of a hundred frames
-    assert seconds_needed(get_search("golden_section", dt=100_000), get_actuator("ideal"), 20_000.0) == math.inf
+    assert (
+        seconds_needed(get_search("golden_section", dt=100_000), get_actuator("ideal"), readout_hz=20_000.0) == math.inf
+    )
 
 
 @pytest.mark.parametrize(
@@ -32,7 +36,9 @@ def test_a_faster_drive_needs_less_and_a_hand_more():
 )
 def test_searches_that_need_more_than_the_budget_are_named_with_what_they_need(tmp_path, drive, budget_s, named):
     write_stream(tmp_path / "a.h5", np.zeros((8000, 2, 2), np.uint8), readout_hz=20_000.0)
-    line = describe_short_budget(tmp_path / "a.h5", METHODS, ClosedLoopProtocol(get_actuator(drive), budget_s=budget_s))
+    line = describe_short_budget(
+        tmp_path / "a.h5", METHODS, protocol=ClosedLoopProtocol(get_actuator(drive), budget_s=budget_s)
+    )
     assert [
         word for word in line.replace(":", "").split() if word in ("golden_section", "hill_climb", "argmax")
     ] == named
@@ -40,4 +46,6 @@ def test_searches_that_need_more_than_the_budget_are_named_with_what_they_need(t
 
 
 def test_a_stream_that_cannot_be_read_is_left_to_the_evaluation(tmp_path):
-    assert describe_short_budget(tmp_path / "none.h5", METHODS, ClosedLoopProtocol(get_actuator("ideal"))) == ""
+    assert (
+        describe_short_budget(tmp_path / "none.h5", METHODS, protocol=ClosedLoopProtocol(get_actuator("ideal"))) == ""
+    )

@@ -36,7 +36,7 @@ class _Board:
         return counts
 
 
-def seconds_needed(search: Search, actuator: Actuator, readout_hz: float) -> float:
+def seconds_needed(search: Search, actuator: Actuator, *, readout_hz: float) -> float:
     """Return the seconds that a search takes to its answer and the lens to that; infinity if over LONGEST_S.
 
     Computing takes no time here, and the lens has no scatter. Raises what the search raises.
@@ -61,7 +61,7 @@ def seconds_needed(search: Search, actuator: Actuator, readout_hz: float) -> flo
     return math.inf if "out of frames" in answer.note else camera.now / readout_hz
 
 
-def describe_short_budget(path: str | Path, methods: Iterable[Method], protocol: ClosedLoopProtocol) -> str:
+def describe_short_budget(path: str | Path, methods: Iterable[Method], *, protocol: ClosedLoopProtocol) -> str:
     """Return a line that names the searches that need more time than the budget on a stream, or ''.
 
     It names searches of saf_gen that command the lens. A stream that cannot be read is not described here.
@@ -75,7 +75,7 @@ def describe_short_budget(path: str | Path, methods: Iterable[Method], protocol:
     except SafGenError:
         return ""
     budget_s = min(protocol.budget_s or length_s, length_s)
-    needed = {name: seconds_needed(search, protocol.actuator, hz) for name, search in searches.items()}
+    needed = {name: seconds_needed(search, protocol.actuator, readout_hz=hz) for name, search in searches.items()}
     short = [
         f"{name} needs {'over ' if seconds == math.inf else ''}{1e3 * min(seconds, LONGEST_S):.0f}"
         for name, seconds in needed.items()
