@@ -303,6 +303,10 @@ class Search(Protocol):
         Names of the focus measures that the search uses in addition to the method's.
     causal : bool, optional
         Whether the search can stop before the sweep ends; the conformance checks require this attribute.
+    cost : float, optional
+        Number of operations of the search itself for each window that it scores or looks at.
+    look_cost : float, optional
+        Number of operations per pixel of a window whose counts it looks at.
     source : str, optional
         Source of the search, such as a paper with its DOI; see :func:`cite_source`.
     """

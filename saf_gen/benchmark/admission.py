@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from saf_gen.benchmark.method_spec import (
     tuned_method,
 )
 from saf_gen.benchmark.search_run import run_search
+from saf_gen.benchmark.view.operations import UNDECLARED, DeclaredCost, declared_cost
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import read_text
 from saf_gen.core.config.registry import allow_code, check_code_allowed, entry_point_names, refuse_code
@@ -130,9 +131,28 @@ def run_method(method: Method, view: Any, *, scorer: MeteredScorer, stream_path:
 
     See :func:`saf_gen.benchmark.search_run.run_search`, also for what it raises.
     """
+    scorer.cost = cost_of(method)
     if method.guest is not None:
         return method.guest.run(view, scorer=scorer, stream_path=stream_path)
     return run_search(method.search, view, scorer=scorer, stream_path=stream_path)
+
+
+def cost_of(method: Method) -> DeclaredCost:
+    """Return the operations that a method declares, wherever it runs."""
+    return declared_cost(method.measure, method.search) if method.guest is None else method.guest.cost
+
+
+def describe_undeclared(methods: Iterable[Method]) -> list[str]:
+    """Return a line for each method that declares no cost, with what it is charged instead."""
+    of_measure = f"{UNDECLARED.measure:g} operations per pixel that it scores"
+    of_search = f"{UNDECLARED.window:g} per window for its search, {UNDECLARED.look:g} per pixel that it looks at"
+    lines = []
+    for method in methods:
+        cost = cost_of(method)
+        charged = [text for text, known in ((of_measure, cost.measure), (of_search, cost.window)) if known is None]
+        if charged:
+            lines.append(f"{method.name} declares no cost of its own: charged {' and '.join(charged)}")
+    return lines
 
 
 def is_foreign(half: Half, kind: str) -> bool:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from saf_gen.benchmark.admission import admit_measure
+from saf_gen.benchmark.admission import admit_measure, describe_undeclared
 from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -92,8 +92,9 @@ def evaluate(
         Evaluate only the sequences with this scene motion, ``static`` or ``dynamic``.
     region : str, default 'target'
         Where measures look: ``target`` is the box around the target, or the whole frame if a stream has no target;
-        ``frame`` is the whole frame; ``both`` runs every method at the target and again, as ``METHOD@frame``, on the
-        frame. A method whose name includes a region looks there instead.
+        ``frame`` is the whole frame; ``shifted`` (sideways by half its width), ``half`` and ``double`` (its size) are
+        other boxes about the target, and ``centre`` is the middle half of the frame; ``both`` runs every method at the
+        target and again, as ``METHOD@frame``, on the frame. A method whose name includes a region looks there instead.
     protocol : ClosedLoopProtocol, optional
         Conditions of the closed loop, in which each method moves the lens of a running camera. The closed loop needs
         the focal stacks next to the streams, but no renderer. By default the recordings are evaluated as they are.
@@ -182,6 +183,14 @@ def evaluate(
         if not again.failed:
             return Evaluation((), (), ())
         keep, draw = None, False
+    if protocol is not None:
+        # Imported late because this loads the reader of OpenEXR files.
+        from saf_gen.benchmark.tracks.rehearsal import describe_short_budget
+
+        if tasks and (line := describe_short_budget(str(tasks[0].path), chosen.values(), protocol=protocol)):
+            tell(line)
+        for line in describe_undeclared(chosen.values()) if protocol.operations_per_s else ():
+            tell(line)
     conditions = [((task.split, task.scene), (task.light, task.scene_motion)) for task in tasks]
     drawn: dict[int, Drawn] = {}
     if draw:

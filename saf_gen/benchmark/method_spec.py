@@ -20,6 +20,7 @@ from pydantic import ConfigDict
 
 from saf_gen.benchmark.method_folder import CARD, MethodCard, ends_as_folder, file_in, folder_name, read_card
 from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.benchmark.view.operations import DeclaredCost
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
@@ -80,6 +81,7 @@ class MethodGuest(Protocol):
     """A process that runs a method of others; see :class:`saf_gen.benchmark.guests.guest.Guest`."""
 
     limits: Any
+    cost: DeclaredCost
     plugins: list[dict[str, Any]]
     search_options: dict[str, Any]
     read_late: set[tuple[str, str]]

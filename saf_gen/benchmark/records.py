@@ -119,7 +119,7 @@ class Record:
     note: str
     """Note of the search to the reader, or why the method failed."""
     region: str
-    """Region where the method looked: ``target`` or ``frame``."""
+    """Region where the method looked: ``target``, ``frame``, ``shifted``, ``half``, ``double`` or ``centre``."""
     data: str
     """content_sha256 of the stream; in a closed loop with other time slices than the recording, a digest of stream and
     slices."""
@@ -210,6 +210,13 @@ class Record:
     recording holds for each rendered position (``/truth/sharpness``). The key is missing if the recording holds none,
     if its positions are too far apart, or if the scene moves."""
 
+    operations: Annotated[Number, Field(ge=0)] | None = None
+    """Additions, multiplications and roots that measure and search declare, of all windows that were scored or looked
+    at. The key is missing in records from before they were counted."""
+    reference_rate: Annotated[Number, Field(gt=0)] | None = None
+    """Operations per second of a reference measure (``tenengrad``) on the same region, on the machine that gave
+    ``seconds``. The key is missing if ``operations`` is."""
+
     @property
     def answerable(self) -> bool | None:
         """Whether an answer could be within one depth of focus; None if the truth is unknown or the recording blank."""
@@ -225,7 +232,7 @@ class Record:
 
 KEYS_WHERE_KNOWN = (
     "failed_check", "optimum", "error_optimum_dof", "least_blur", "error_least_blur_dof", "success_least_blur",
-    "in_focus", "sharpness_lost",
+    "in_focus", "sharpness_lost", "operations", "reference_rate",
 )  # fmt: skip
 """Keys that a line has only if they are known, so that lines from before there were such keys are read as well."""
 

@@ -32,6 +32,13 @@ BudgetMs = Annotated[
 ]
 SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")]
 
+OperationRate = Annotated[
+    float | None,
+    typer.Option(
+        "--op-rate", help="Closed loop: declared operations that take a second; 0: computing takes none (default: 1e9)."
+    ),
+]
+
 
 def evaluate_command(
     source: Annotated[Path, typer.Argument(help="Dataset folder or stream file, here or at s3://BUCKET/NAME.")],
@@ -60,8 +67,12 @@ def evaluate_command(
     actuator: ActuatorName = None,
     budget: BudgetMs = None,
     sweep: SweepMs = None,
+    op_rate: OperationRate = None,
     region: Annotated[
-        str, typer.Option(help="Where methods look: target (its bounding box), frame, or both.")
+        str,
+        typer.Option(
+            help="Where methods look: target (its bounding box), frame, both, shifted, half, double or centre."
+        ),
     ] = "target",
     cluster: ClusterAddress = None,
     limit_s: Annotated[
@@ -93,7 +104,7 @@ def evaluate_command(
     for one in method or ():
         admit_method(one, limits)  # lists and tuned files may name only code that --method names as well
     named = [*(method or ()), *(read_methods(methods, limits) if methods else ())]
-    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep, op_rate=op_rate)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     data = find_path(source)
     if isinstance(data, StorePath):
@@ -196,13 +207,16 @@ def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None
 
 
 def protocol_from_options(
-    track: str, *, actuator: str | None, budget: float | None, sweep: float | None
+    track: str, *, actuator: str | None, budget: float | None, sweep: float | None, op_rate: float | None
 ) -> "ClosedLoopProtocol | None":
-    """Return the closed-loop protocol of command options, whose times are in ms, or None for the recorded track."""
+    """Return the closed-loop protocol of command options, whose times are in ms, or None for the recorded track.
+
+    An ``op_rate`` of 0 means that computing takes no time, and None the stated rate.
+    """
     if track not in TRACKS:
         raise unknown("track", track, allowed=TRACKS)
     if track == "recorded":
-        for option, value in (("actuator", actuator), ("budget", budget), ("sweep", sweep)):
+        for option, value in (("actuator", actuator), ("budget", budget), ("sweep", sweep), ("op-rate", op_rate)):
             if value is not None:
                 raise BadInput(
                     f"--{option} {value} is given for the recorded track",
@@ -211,12 +225,14 @@ def protocol_from_options(
                 )
         return None
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+    from saf_gen.benchmark.view.operations import OPERATIONS_PER_S
     from saf_gen.optics.actuators import get_actuator
 
     return ClosedLoopProtocol(
         get_actuator(actuator or "voice_coil"),
         budget_s=None if budget is None else budget / 1e3,
         sweep_s=None if sweep is None else sweep / 1e3,
+        operations_per_s=OPERATIONS_PER_S if op_rate is None else op_rate or None,
     )
 
 

@@ -21,6 +21,7 @@ from saf_gen.cli._terminal import (
 from saf_gen.cli.evaluate_commands import (
     ActuatorName,
     BudgetMs,
+    OperationRate,
     SweepMs,
     Track,
     name_splits,
@@ -143,15 +144,17 @@ def verify_evaluation_command(
 
     The command writes verification.json into the folder. In tables that `saf-gen leaderboard` makes of this evaluation,
     each row is then marked as re-run here, re-run elsewhere, differs or claimed. For a closed loop, repeat the options
-    of the evaluation.
+    of the evaluation, except for the rate of operations, which its records state.
     """
     from saf_gen.benchmark.records import read_records
+    from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.core.files import check_writable
     from saf_gen.leaderboard.rerun import verify
     from saf_gen.leaderboard.verification import DIFFERS, PROVES, RERUN_HERE, write_verification
 
-    track = read_records(folder)[0].track
-    protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep)
+    first = read_records(folder)[0]
+    rate = None if first.track == "recorded" else ClosedLoopProtocol.rate_in(first.terms) or 0.0
+    protocol = protocol_from_options(first.track, actuator=actuator, budget=budget, sweep=sweep, op_rate=rate)
     folder = folder if folder.is_dir() else folder.parent
     check_writable(folder)
     with progress_bars() as bars:
@@ -190,7 +193,10 @@ def tune_command(
     actuator: ActuatorName = None,
     budget: BudgetMs = None,
     sweep: SweepMs = None,
-    region: Annotated[str, typer.Option(help="Where methods look: target (its bounding box) or frame.")] = "target",
+    op_rate: OperationRate = None,
+    region: Annotated[
+        str, typer.Option(help="Where methods look: target (its bounding box), frame, shifted, half, double or centre.")
+    ] = "target",
     cluster: ClusterAddress = None,
 ) -> None:
     """Evaluate a method with many values of its constants on a split, and write the best; `@FILE` then names it."""
@@ -217,7 +223,7 @@ def tune_command(
             trials=trials,
             split=split,
             region=region,
-            protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep),
+            protocol=protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep, op_rate=op_rate),
             progress=terminal_reporter("tune", bars),
             keep=kept,
             cluster=cluster,

@@ -8,8 +8,9 @@ from saf_gen.errors import BadInput
 
 Region = tuple[slice, slice]
 """Slices of rows and columns, with step 1."""
-REGIONS = ("target", "frame")
-"""Where a method may look: the bounding box of the target, or the whole frame."""
+REGIONS = ("target", "frame", "shifted", "half", "double", "centre")
+"""Where a method may look: the bounding box of the target, the whole frame, or a box that a camera may choose instead:
+the target's box moved sideways by half its width, of half or twice its size, or the middle half of the frame."""
 
 
 def validate_window(first: int, stop: int, *, total: int, what: str = "frames", where: str = "") -> range:
@@ -64,6 +65,31 @@ def bounding_box(target: np.ndarray) -> Region:
         )
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def place_box(region: str, box: Region, size: tuple[int, int]) -> Region:
+    """Return the box of a region of REGIONS, other than ``frame``, for the ``box`` of the target, inside ``size``.
+
+    A box that is shifted moves to larger columns, or to smaller ones where there is more room. One that is resized
+    keeps its middle, and is cut off at the edges of the frame; at least one pixel is left.
+    """
+    if region == "centre":
+        return slice(size[0] // 4, size[0] - size[0] // 4), slice(size[1] // 4, size[1] - size[1] // 4)
+    if region == "shifted":
+        rows, columns = box
+        by, left, right = (columns.stop - columns.start) // 2, columns.start, size[1] - columns.stop
+        by = min(by, right) if right >= left else -min(by, left)
+        return rows, slice(columns.start + by, columns.stop + by)
+    factor = {"target": 1.0, "half": 0.5, "double": 2.0}[region]
+    rows, columns = (_resize(span, factor, length) for span, length in zip(box, size, strict=True))
+    return rows, columns
+
+
+def _resize(span: slice, factor: float, length: int) -> slice:
+    width = span.stop - span.start
+    new = max(round(width * factor), 1)
+    first = span.start + (width - new) // 2
+    return slice(max(first, 0), min(first + new, length))
 
 
 def decile_pixels(best_position: np.ndarray) -> tuple[int, int]:

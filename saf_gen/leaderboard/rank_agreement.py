@@ -24,7 +24,10 @@ MAX_BINS = 6
 MIN_METHODS = 3
 """Smallest number of common methods for which two rankings are compared."""
 REGION = Axis(
-    "region", "Region", "Where methods look: in the box around the target, or in the whole frame.", lambda r: r.region
+    "region",
+    "Region",
+    "Where methods look: in the box around the target or another one, or in the whole frame.",
+    lambda r: r.region,
 )
 CONDITIONS = (*(axis for axis in AXES if axis.name != "scene"), REGION)
 """The conditions whose bins are compared."""

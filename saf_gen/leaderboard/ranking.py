@@ -81,6 +81,9 @@ class LeaderboardRow:
     hunting: float | None
     windows: float | None
     seconds: float | None
+    operations: float | None
+    over_declared: float | None
+    """Seconds of all runs, divided by those that the declared operations would take at the reference rate."""
     answerable_1dof_low: float | None = None
     answerable_1dof_high: float | None = None
     median_error_dof_low: float | None = None
@@ -236,11 +239,18 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         hunting=mean_over_scenes(records, _hunts),
         windows=mean_over_scenes(records, lambda r: r.windows),
         seconds=mean_over_scenes(records, lambda r: r.seconds),
+        operations=mean_over_scenes(records, lambda r: r.operations),
+        over_declared=_over_declared(records),
         failed_check=next((r.failed_check for r in records if r.failed_check), None),
         success_least_blur=mean_over_scenes(records, _by_least_blur)
         if any(r.success_least_blur is not None for r in records)
         else None,
     )
+
+
+def _over_declared(records: Iterable[Record]) -> float | None:
+    timed = [(r.seconds, r.operations / r.reference_rate) for r in records if r.operations and r.reference_rate]
+    return sum(measured for measured, _ in timed) / sum(declared for _, declared in timed) if timed else None
 
 
 def _by_least_blur(record: Record) -> float | None:

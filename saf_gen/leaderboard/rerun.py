@@ -88,7 +88,7 @@ def verify(
             methods=[method.name for method in runs.values()],
             split=_only(record.split for record in every) or ALL_SPLITS,
             scene_motion=_only(record.scene_motion for record in every),
-            region="frame" if regions == {"frame"} else "target",
+            region=_only(regions - {"frame"}) or ("frame" if regions == {"frame"} else "target"),
             protocol=protocol,
             progress=progress,
             check=False,

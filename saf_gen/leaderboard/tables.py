@@ -9,6 +9,7 @@ from typing import Any
 
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
 from saf_gen.benchmark.records import RECORDS_FILE
+from saf_gen.benchmark.view.operations import OVER_DECLARED
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import UNKNOWN, Column, Table, percent
 from saf_gen.leaderboard.axes import AxisResults, Bin
@@ -309,6 +310,24 @@ _COST = (
         ".3f",
         "Computing time of search and measure per sequence, in seconds, without the counting of spikes.",
         detail=ALL,
+    ),
+    _cost(
+        "Mop",
+        "operations",
+        lambda operations: f"{operations / 1e6:.3g}",
+        "Operations that measure and search declare per sequence, in millions; in the closed loop, the clock advances "
+        "by them at the rate that the protocol states.",
+        detail=ALL,
+        optional=True,
+    ),
+    _cost(
+        "over declared",
+        lambda row: row.over_declared if (row.over_declared or 0) > OVER_DECLARED else None,
+        "{:.0f}×".format,
+        f"Measured seconds divided by those of the declared operations, at the rate of a reference measure on the same "
+        f"machine, where this is above {OVER_DECLARED:g}.",
+        key="over_declared",
+        optional=True,
     ),
 )
 

@@ -27,7 +27,7 @@ from saf_gen.leaderboard.outcomes import group_by
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
 RERUN_HERE, RERUN_ELSEWHERE, DIFFERS, CLAIMED = "re-run here", "re-run elsewhere", "differs", "claimed"
-COST_AND_MACHINE = frozenset({"seconds", "machine", "limits", "failed_check", "tuning", "note"})
+COST_AND_MACHINE = frozenset({"seconds", "machine", "limits", "failed_check", "tuning", "note", "reference_rate"})
 """Keys of a record that may differ between two runs of the same method."""
 PROVES = (
     "this code, with the digest in the records, gave these answers again from counts and lens positions; not proved: "

@@ -4,7 +4,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from saf_gen.core.region import Region, bounding_box
+from saf_gen.core.region import Region, bounding_box, place_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.stream.metadata import ReadableStream
@@ -45,8 +45,10 @@ def measure_input(source: WindowSource, form: Form, *, first: int, stop: int) ->
 
 
 def choose_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
-    """Return the box and the name of a region; (None, "frame") if ``region`` is "frame" or no target is known."""
-    target = stream.truth.target
-    if region == "target" and target is not None and np.any(target):
-        return bounding_box(target), "target"
+    """Return the box and the name of one of REGIONS; (None, "frame") for "frame", or if it needs an unknown target."""
+    target, size = stream.truth.target, (int(stream.shape[1]), int(stream.shape[2]))
+    if region == "centre":
+        return place_box(region, (slice(0, size[0]), slice(0, size[1])), size), region
+    if region != "frame" and target is not None and np.any(target):
+        return place_box(region, bounding_box(target), size), region
     return None, "frame"

@@ -178,7 +178,10 @@ class Intervals(Copy):
     of: str = "sd_tfi"
     intervals: ClassVar[bool] = True
 """
-OWN = ("method", "code", "parameters", "limits", "seconds", "machine", "grain_of_curve", "optimum", "error_optimum_dof")
+OWN = (
+    "method", "code", "parameters", "limits", "seconds", "machine", "grain_of_curve", "optimum", "error_optimum_dof",
+    "operations", "reference_rate",
+)  # fmt: skip
 
 
 def plain(record):
@@ -192,7 +195,7 @@ def test_a_saboteur_changes_no_row_of_another(tmp_path):
     alone = evaluate(dataset, methods=others, draw=False, check=False).records
     saboteurs = [f"sd+{FILE}:{name}" for name in ("patches_the_comparison", "forgets_this_package", "exits_at_once")]
     beside = evaluate(dataset, methods=[saboteurs[0], *others, *saboteurs[1:]], draw=False, check=False).records
-    cost = ("seconds", "machine")
+    cost = ("seconds", "machine", "reference_rate")
     expected = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in alone]
     found = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in beside if r.method in others]
     assert found == expected

@@ -149,7 +149,7 @@ def test_a_check_of_a_measure_that_exits_reports_it(call, monkeypatch, write_par
     assert "CodeStopped: its code called exit(0) (mine.py, line 6), for random counts" in out
 
 
-IN_THE_LOOP = ("--track", "closed_loop", "--budget", "30", "--actuator", "ideal")
+IN_THE_LOOP = ("--track", "closed_loop", "--budget", "30", "--actuator", "ideal", "--op-rate", "0")
 
 
 @pytest.mark.parametrize(

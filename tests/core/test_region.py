@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.core.region import bounding_box, validate_region, validate_window
+from saf_gen.core.region import REGIONS, bounding_box, place_box, validate_region, validate_window
 from saf_gen.core.signals import validate_signal
 from saf_gen.errors import BadInput
 
@@ -63,3 +63,31 @@ def test_values_are_kept_and_the_dtype_is_the_tables():
 )
 def test_an_array_that_does_not_fit_is_refused(array, message):
     assert_says(refusal(validate_signal, "charge", array), message)
+
+
+@pytest.mark.parametrize(
+    ("region", "box", "expected"),
+    [  # first and last row and column, in a frame of 40 × 100
+        ("target", (10, 20, 30, 50), (10, 20, 30, 50)),
+        ("shifted", (10, 20, 30, 50), (10, 20, 40, 60)),
+        ("shifted", (10, 20, 60, 80), (10, 20, 50, 70)),
+        ("shifted", (10, 20, 5, 95), (10, 20, 10, 100)),  # as far as the frame reaches
+        ("shifted", (0, 40, 0, 100), (0, 40, 0, 100)),
+        ("half", (10, 20, 30, 50), (12, 17, 35, 45)),
+        ("half", (5, 6, 7, 8), (5, 6, 7, 8)),  # one pixel stays one
+        ("half", (5, 8, 7, 9), (5, 7, 7, 8)),
+        ("double", (10, 20, 30, 50), (5, 25, 20, 60)),
+        ("double", (0, 20, 90, 100), (0, 30, 85, 100)),  # cut off
+        ("double", (0, 40, 0, 100), (0, 40, 0, 100)),
+        ("centre", (0, 1, 0, 1), (10, 30, 25, 75)),
+    ],
+)
+def test_a_box_of_another_size_or_place_stays_inside_the_frame(region, box, expected):
+    rows, columns = place_box(region, (slice(*box[:2]), slice(*box[2:])), (40, 100))
+    assert (rows.start, rows.stop, columns.start, columns.stop) == expected
+
+
+@pytest.mark.parametrize("region", [region for region in REGIONS if region != "frame"])
+def test_a_frame_of_one_pixel_has_every_box(region):
+    whole = slice(0, 1), slice(0, 1)
+    assert place_box(region, whole, (1, 1)) == whole

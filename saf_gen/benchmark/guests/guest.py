@@ -12,6 +12,7 @@ import numpy as np
 from saf_gen.benchmark.guests.host import MAX_OPENED, GuestLost, GuestProcess, GuestView, Limits
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.search_run import answer_fault, to_one_line, to_plain_numbers
+from saf_gen.benchmark.view.operations import DeclaredCost, number_or_none
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.core.config.source_digest import source_digest
 from saf_gen.core.files import file_sha256
@@ -67,6 +68,8 @@ class Guest:
         Options of the search that are numbers, texts or flags.
     measure : dict of str to bool
         What the measure states of its input: ``halves``, ``intervals`` and ``timed``.
+    cost : DeclaredCost
+        Operations that the measure and the search declare.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Guest:
         self._lost = ""  # why it ended while it was loaded; it is then not started again
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
         self.search_options, self.measure = dict[str, Any](), dict[str, bool]()
+        self.cost = DeclaredCost()
         self._own, self._packages = {Path(file) for file in spec.files}, list[Path]()
         self._paths = list(self._own)
         self.read_late: set[tuple[str, str]] = set()
@@ -97,6 +101,7 @@ class Guest:
         try:
             self.parameters, self.commands = self._as_written(str(hello["parameters"])), bool(hello["commands"])
             self.plugins = list(hello["plugins"])
+            self.cost = DeclaredCost(*(number_or_none(hello["cost"][name]) for name in ("measure", "window", "look")))
             self.search_options = {str(name): value for name, value in hello["search_options"].items()}
             self.measure = {str(name): bool(value) for name, value in hello["measure"].items()}
             self._own |= {Path(str(path)) for path in hello["class_files"]}

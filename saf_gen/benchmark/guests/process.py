@@ -282,6 +282,7 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
     from saf_gen.benchmark.method_spec import build_method, nested_plugins, options_of
     from saf_gen.benchmark.plugin_description import describe_plugins
     from saf_gen.benchmark.search_run import describe_exception
+    from saf_gen.benchmark.view.operations import declared_cost
     from saf_gen.core.config.source_digest import class_source_files
     from saf_gen.core.user_code import user_code
     from saf_gen.errors import BadInput
@@ -296,6 +297,7 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
                 "commands": commands(method.search),
                 "search_options": _plain_options(options_of(method.search)),
                 "measure": {key: bool(getattr(method.measure, key, False)) for key in ("halves", "intervals", "timed")},
+                "cost": asdict(declared_cost(method.measure, method.search)),
                 "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
             }
     except BadInput as error:

@@ -31,6 +31,7 @@ from saf_gen.benchmark.tracks.beside_truth import (
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
+from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.benchmark.view.running_camera import (
     BudgetSpentError,
@@ -40,7 +41,7 @@ from saf_gen.benchmark.view.running_camera import (
     rows_in_view,
 )
 from saf_gen.core import seeds
-from saf_gen.core.region import Region, validate_region
+from saf_gen.core.region import Region, region_shape, validate_region
 from saf_gen.parts import Answer, commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
@@ -80,6 +81,8 @@ class ClosedLoopRun:
         Computing time of the method, in seconds.
     commanded_positions : tuple of float
         Initial position of the lens, followed by every position to which it was sent.
+    operations : float
+        Operations that the method declares, of all windows that it scored or looked at.
     """
 
     answer: Answer
@@ -90,6 +93,7 @@ class ClosedLoopRun:
     windows: int
     seconds: float
     commanded_positions: tuple[float, ...] = ()
+    operations: float = 0.0
 
 
 def start_camera(
@@ -108,6 +112,7 @@ def start_camera(
         seed=seeds.derive_seed(capture.seed, "closed loop", "lens"),
         budget=protocol.count_frames(capture)[0],
         readout_hz=capture.sensor.readout_hz,
+        operations_per_s=protocol.operations_per_s,
     )
 
 
@@ -134,6 +139,7 @@ def finish_run(
         windows=camera.scorer.windows,
         seconds=camera.scorer.seconds,
         commanded_positions=tuple(camera.commanded_positions),
+        operations=camera.scorer.operations,
     )
 
 
@@ -316,6 +322,7 @@ class ClosedLoopSequence:
             frames_seen=run.answer_frame,
             windows=run.windows,
             seconds=run.seconds,
+            operations=run.operations if run.windows else None,
             note=run.problem or run.answer.note,
             region=self.region,
             data=self.data,
@@ -377,6 +384,7 @@ def evaluate_closed_loop(
         blank = find_blank(counts, rate)
         budget = protocol.count_frames(sequence.capture)[0]
         common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
+        common["reference_rate"] = reference_rate(region_shape(sequence.box))
         if sequence.capture.truth.track is None:  # in a moving scene, the recording has other slices
             common["grain_rms"] = grain_fields(stream)["grain_rms"]
     if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep

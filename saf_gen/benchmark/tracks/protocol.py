@@ -1,6 +1,7 @@
 """Protocol of the closed loop: the actuator, the budget and the sweep."""
 
 import math
+import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -11,6 +12,7 @@ from saf_gen.stack.capture import Capture
 
 MIN_FRAMES = 16
 """Shortest budget or sweep, in frames: two packets of the camera."""
+MAX_RATE = 1e15
 MAX_DURATION_S = 86_400.0
 """Longest budget or sweep, in seconds: one day, which is longer than any recording but safe to convert to frames."""
 
@@ -30,6 +32,9 @@ class ClosedLoopProtocol:
         Duration of a sweep from end to end, in seconds, for searches that need one. By default it is half the budget,
         but at least what the actuator needs, and at most what is left after the lens has come to rest at the start of
         the sweep.
+    operations_per_s : float, optional
+        Rate at which the clock advances while a method computes, above 0: its declared operations divided by this. By
+        default computing takes no time, as in records that state no rate.
 
     Raises
     ------
@@ -40,11 +45,15 @@ class ClosedLoopProtocol:
     actuator: Actuator
     budget_s: float | None = None
     sweep_s: float | None = None
+    operations_per_s: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("budget", self.budget_s), ("sweep", self.sweep_s)):
             if value is not None and not 0 < value <= MAX_DURATION_S:
                 raise BadInput(f"the {name} is {value:g} s", allowed=f"seconds, above 0, at most {MAX_DURATION_S:g}")
+        rate = self.operations_per_s
+        if rate is not None and not 1 <= rate <= MAX_RATE:
+            raise BadInput(f"{rate:g} operations per second", allowed=f"1 to {MAX_RATE:g}")
 
     def count_frames(self, capture: Capture) -> tuple[int, int]:
         """Return the number of frames of the budget and of a sweep.
@@ -118,7 +127,14 @@ class ClosedLoopProtocol:
         budget, sweep = self.count_frames(capture)
         sweep_fits = self._count_sweep_frames(hz) <= sweep <= budget - self._count_rest_frames(hz)
         sweep_text = f"sweep {_ms(sweep, hz)} ms" if sweep_fits else "no sweep"
-        return f"{self.actuator.label}, {_ms(budget, hz)} ms, {sweep_text}"
+        computing = f", {self.operations_per_s:g} op/s" if self.operations_per_s else ""
+        return f"{self.actuator.label}, {_ms(budget, hz)} ms, {sweep_text}{computing}"
+
+    @staticmethod
+    def rate_in(terms: str) -> float | None:
+        """Return the operations per second in the ``terms`` of a record, None if computing took no time."""
+        found = re.search(r", (\S+) op/s$", terms)
+        return float(found[1]) if found else None
 
     def _count_sweep_frames(self, hz: float) -> int:
         """Return the length of the shortest sweep, in frames: latency, motion, and the trailing of the lens."""

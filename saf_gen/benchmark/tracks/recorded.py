@@ -23,6 +23,7 @@ from saf_gen.benchmark.tracks.beside_truth import (
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
+from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
@@ -112,7 +113,7 @@ def evaluate_recorded(
         )
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, None if method.guest else method.measure)
-            attempt = _run_method(method, view, stream_path=str(stream.path))
+            attempt = _run_method(method, view, rate=reference_rate(counts.shape), stream_path=str(stream.path))
             attempts.append(attempt)
             blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
             if blocks_alone and method.measure_name not in curves and not attempt.problem:
@@ -155,7 +156,7 @@ def evaluate_recorded(
         return records, sweep
 
 
-def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _Attempt:
+def _run_method(method: Method, view: RecordingView, *, rate: float, stream_path: str) -> _Attempt:
     answer, problem = run_method(method, view, scorer=view.scorer, stream_path=stream_path)
     if fault := _find_range_fault(answer, view.frames):
         answer, problem = Answer(None, answer.trace), fault
@@ -164,6 +165,8 @@ def _run_method(method: Method, view: RecordingView, *, stream_path: str) -> _At
         "frames_seen": view.now,
         "windows": view.scorer.windows,
         "seconds": view.scorer.seconds,
+        "operations": view.scorer.operations,
+        "reference_rate": rate,
     }
     return _Attempt(answer, problem, fields)
 

@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from saf_gen.benchmark.view.operations import UNDECLARED, declared_cost
 from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.errors import BadInput
 from saf_gen.parts import View, wants_frames
@@ -105,6 +106,10 @@ class MeteredScorer:
     ----------
     windows : int
         Number of windows that were scored or looked at.
+    operations : float
+        Operations of the method so far, as ``cost`` and the measures that it names declare them.
+    cost : DeclaredCost
+        What the method declares.
     scores : dict of (int, int) to float
         Score of each window (first, stop) by the method's own measure, counted from the first frame of the run.
     """
@@ -114,7 +119,7 @@ class MeteredScorer:
         self._watch = Stopwatch()
         self._extremes: dict[str | None, tuple[float, float]] = {}  # smallest and largest score of each measure
         self._looked = False
-        self.windows = 0
+        self.windows, self.operations, self.cost = 0, 0.0, UNDECLARED
         self.scores: dict[tuple[int, int], float] = {}
 
     @property
@@ -136,17 +141,26 @@ class MeteredScorer:
         self._watch.seconds += seconds
 
     def image(self, source: TimedWindowSource, form: Form, *, first: int, stop: int) -> np.ndarray:
-        """Return frames ``first <= t < stop`` as a measure is called with them; raises what measure_input raises."""
+        """Return frames ``first <= t < stop`` as the measure of a guest is called with them, which scores them there.
+
+        Raises what measure_input raises.
+        """
+        return self._image(source, form, first=first, stop=stop, cost=self.cost.known().measure)
+
+    def _image(self, source: TimedWindowSource, form: Form, *, first: int, stop: int, cost: float | None) -> np.ndarray:
+        """Return a window, and charge for it ``cost`` operations per pixel and those of the search."""
         before = source.textures_s
         image = measure_input(source, form, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
         self.windows += 1
+        pixels = image.shape[-2] * image.shape[-1]
+        self.operations += pixels * (cost or 0.0) + (self.cost.known().window or 0.0)
         return image
 
     def look(self, source: TimedWindowSource, *, first: int, stop: int) -> np.ndarray:
         """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
         self.note_look()
-        counts = self.image(source, "counts", first=first, stop=stop)
+        counts = self._image(source, "counts", first=first, stop=stop, cost=self.cost.known().look)
         counts.flags.writeable = False
         return counts
 
@@ -159,8 +173,9 @@ class MeteredScorer:
 
         Raises BadInput if the window does not exist, if the score is not a finite number, or if the measure is unknown.
         """
-        form = self.form(measure)
-        return self.rate(self.image(source, form, first=first, stop=stop), first=first, stop=stop, measure=measure)
+        cost = declared_cost(self._find(measure), None).known().measure
+        image = self._image(source, self.form(measure), first=first, stop=stop, cost=cost)
+        return self.rate(image, first=first, stop=stop, measure=measure)
 
     def rate(self, image: np.ndarray, *, first: int, stop: int, measure: str | None = None) -> float:
         """Return the score of the image of frames ``first <= t < stop``; raises BadInput as :meth:`score` does."""

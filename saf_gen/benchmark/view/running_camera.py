@@ -141,6 +141,8 @@ class RunningCamera:
         Number of frames that may pass, at most those of the capture; rounded down to whole packets.
     readout_hz : float
         Frames per second.
+    operations_per_s : float, optional
+        Rate at which the operations of the method take time; by default computing takes none.
     """
 
     def __init__(
@@ -153,7 +155,10 @@ class RunningCamera:
         seed: int,
         budget: int,
         readout_hz: float,
+        operations_per_s: float | None = None,
     ) -> None:
+        self._frames_per_operation = readout_hz / operations_per_s if operations_per_s else 0.0
+        self._computed = 0  # frames that have passed while the method computed
         self._captured, self.scorer = captured, MeteredScorer(measure)
         self.frames, self.readout_hz = budget // PACKET_FRAMES * PACKET_FRAMES, readout_hz
         self.lag_s, self._actuator = actuator.lag_s, actuator
@@ -176,18 +181,24 @@ class RunningCamera:
         Raises BadInput if the window is empty or if the score is not a finite number, and BudgetSpentError if the
         window ends after the budget.
         """
-        return self.scorer.score(self.run_until(first, stop), first=first, stop=stop, measure=measure)
+        score = self.scorer.score(self.run_until(first, stop), first=first, stop=stop, measure=measure)
+        self._compute()
+        return score
 
     def counts(self, first: int, stop: int) -> np.ndarray:
         """Return the counts of frames ``first <= t < stop``, after running the camera: uint32 (h, w), read-only.
 
         Raises BadInput if the window is empty, and BudgetSpentError if it ends after the budget.
         """
-        return self.scorer.look(self.run_until(first, stop), first=first, stop=stop)
+        counts = self.scorer.look(self.run_until(first, stop), first=first, stop=stop)
+        self._compute()
+        return counts
 
     def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return frames ``first <= t < stop`` as a measure is called with them; raises what :meth:`counts` raises."""
-        return self.scorer.image(self.run_until(first, stop), form, first=first, stop=stop)
+        image = self.scorer.image(self.run_until(first, stop), form, first=first, stop=stop)
+        self._compute()
+        return image
 
     def positions(self, first: int) -> np.ndarray:
         """Return the readings of the position sensor at all frames from ``first`` that have passed, float64 (n,)."""
@@ -209,6 +220,14 @@ class RunningCamera:
             self.stack_error = error
             raise
         return self._captured
+
+    def _compute(self) -> None:
+        """Let the time pass that the method's operations take, in whole packets; raises what :meth:`wait` raises."""
+        due = self.scorer.operations * self._frames_per_operation - self._computed
+        packets = int(due / PACKET_FRAMES + 1e-9)
+        if packets > 0:
+            self._computed += packets * PACKET_FRAMES
+            self.wait(packets * PACKET_FRAMES)
 
     def position(self, frame: int) -> float:
         """Return the reading of the position sensor at a frame that has passed, as a fraction of the travel."""
