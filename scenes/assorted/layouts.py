@@ -58,7 +58,7 @@ class Target(NamedTuple):
 
 
 def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> Target:
-    """A board, a relief, the front of a ball or column, in a box at least twice as wide as the largest blur."""
+    """A board, a relief, the front of a ball or column, in a box at least as wide as two largest blurs."""
     form, most = params["form"], FRAME_PX - 2 * RIM_PX
     least = 2.0 * max(sight.place, 1 - sight.place) * sight.travel + 3
     side = least + params["size"] * (0.92 * most - least)
