@@ -99,7 +99,7 @@ def _allowed(hint: Any, field: FieldInfo) -> str:
         return _allowed(inner[0], FieldInfo.from_annotation(hint))
     if get_origin(hint) in (Union, UnionType):
         words = ["range" if get_origin(one) is dict else _allowed(one, field) for one in inner]
-        return " or ".join(words)
+        return " or ".join(dict.fromkeys(words))
     if get_origin(hint) is Literal:
         return ", ".join(f"`{one}`" for one in inner)
     if get_origin(hint) is tuple:

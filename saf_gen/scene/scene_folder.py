@@ -15,8 +15,8 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
-from saf_gen.core.config.document import FrozenModel, validate_document
-from saf_gen.core.config.ranges import check_parameter, draw_range
+from saf_gen.core.config.document import Document, FrozenModel, validate_document
+from saf_gen.core.config.ranges import check_parameter, draw_range, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
@@ -115,14 +115,6 @@ class SceneCard(FrozenModel):
     slices, divided by the mean brightness, in the box around the target. ``saf-gen scenes check`` measures it."""
     still_s: float = 0.5
     """Time at which a moving scene is rendered if it has to be at rest, s."""
-
-    @model_validator(mode="after")
-    def _check_lenses(self) -> "SceneCard":
-        named = self.params.get(LENS_PARAMETER)
-        named = named["choice"] if isinstance(named, dict) and isinstance(named.get("choice"), list) else [named]
-        if self.lenses and not all(isinstance(name, str) and name in self.lenses for name in named):
-            raise ValueError(f"params: {{lens: {{choice: [{', '.join(self.lenses)}]}}}}, or one of these, with lenses")
-        return self
 
     @model_validator(mode="after")
     def _check_illuminance(self) -> "SceneCard":
@@ -284,10 +276,9 @@ def _read(folder: Path) -> Scene:
     if isinstance(card.lens, LensFile):
         card = card.model_copy(update={"lens": card.lens.read_from(folder)})
     if card.lenses:
-        drawer = {
-            name: lens.read_from(folder) if isinstance(lens, LensFile) else lens for name, lens in card.lenses.items()
-        }
-        card = card.model_copy(update={"lenses": drawer})
+        _check_lens_names(card, document)
+        read = {name: one.read_from(folder) if isinstance(one, LensFile) else one for name, one in card.lenses.items()}
+        card = card.model_copy(update={"lenses": read})
     check_groups(card.lights, document)
     if card.section is not None:
         has_script = geometry == [SCRIPT_FILE]
@@ -310,6 +301,20 @@ def _read(folder: Path) -> Scene:
         except BadInput as error:
             raise BadInput(str(error), where=document.locate(*keys, lens.drive_class.travel_key)) from error
     return scene
+
+
+def _check_lens_names(card: SceneCard, document: Document) -> None:
+    """Raise BadInput unless the parameter ``lens`` names one of the card's lenses, or is a choice among them."""
+    if LENS_PARAMETER not in card.params:
+        raise BadInput(
+            "the card has lenses, but no parameter names one",
+            where=document.locate("lenses"),
+            allowed=f"params: {{lens: {{choice: [{', '.join(card.lenses)}]}}}}",
+        )
+    where = document.locate("params", LENS_PARAMETER)
+    for name in range_extremes(card.params[LENS_PARAMETER], where=where):
+        if not isinstance(name, str) or name not in card.lenses:
+            raise unknown("lens", str(name), allowed=card.lenses, where=where)
 
 
 def _digest(folder: Path, card: SceneCard) -> str:

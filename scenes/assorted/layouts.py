@@ -11,6 +11,10 @@ from solids import Body, ball, box, grid, joined, placed, tube, turned, turning
 RIM_PX = 4  # between a target and the rim of the frame
 MAX_ROUND = 5.0  # half depths of focus that the front of a round body spans; a deeper one is flattened
 MAX_TILT, MAX_HILL = np.tan(np.radians(62)), 1.0  # steepest slopes of a board and of a relief
+ROLLED, MAX_ROLL = (
+    ("flat", "slanted", "relief", "cluttered"),
+    35.0,
+)  # boards that are turned in the picture, degrees
 CELLS = 64  # of a target's grid, across and down
 NEAREST = 0.5  # of the target's distance: how near to the lens anything stands
 
@@ -58,13 +62,20 @@ class Target(NamedTuple):
 
 
 def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> Target:
-    """A board, a relief, the front of a ball or column, in a box at least twice as wide as the largest blur."""
+    """A board, a relief, the front of a ball or column, in a box at least as wide as two largest blurs."""
     form, most = params["form"], FRAME_PX - 2 * RIM_PX
     least = 2.0 * max(sight.place, 1 - sight.place) * sight.travel + 3
     side = least + params["size"] * (0.92 * most - least)
     wide, high = (float(min(side * k, most)) for k in random.permutation([1.0, random.uniform(1, 1.35)]))
     if form == "ball":
         wide = high = float(side)
+    board, roll = (wide, high), 0.0
+    if form in ROLLED:
+        roll = np.radians(random.uniform(-MAX_ROLL, MAX_ROLL))
+        c, s = np.cos(roll), abs(np.sin(roll))
+        boxed = np.array([wide * c + high * s, wide * s + high * c])
+        scale = max(wide, high) / boxed[int(high > wide)]
+        board, (wide, high) = (scale * wide, scale * high), (float(n) for n in scale * boxed)
     centre = tuple(float(random.uniform(-1, 1) * (FRAME_PX / 2 - RIM_PX - n / 2)) for n in (wide, high))
     u, v = np.meshgrid(np.linspace(-0.5, 0.5, CELLS + 1), np.linspace(-0.5, 0.5, CELLS + 1))
     half_px, narrowed = sight.half / sight.pixel, (0.0, 1.0)
@@ -81,7 +92,7 @@ def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) ->
         x, y, z = r * np.sin(a), high * v, -r * np.cos(a)
         s, t = r * a, high * v
     else:
-        x, y = wide * u, high * v
+        x, y = board[0] * u, board[1] * v
         angle = random.uniform(0, 2 * np.pi)
         along, aside = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
         slope = float(np.tan(np.radians(random.uniform(0, 4))))
@@ -92,13 +103,14 @@ def target(params: dict[str, Any], sight: Sight, random: np.random.Generator) ->
         if form == "relief":
             hills = _hills(x, y, random)
             hills *= params["depth"] * half_px / np.ptp(hills)
-            slopes = np.hypot(*np.gradient(hills, high / CELLS, wide / CELLS))
+            slopes = np.hypot(*np.gradient(hills, board[1] / CELLS, board[0] / CELLS))
             z = z + hills * min(MAX_HILL / float(slopes.max()), 1.0)
         if form == "two_depths" and random.random() < 0.5:
             notch = (u[1:, 1:] > 0.5 - random.uniform(0.35, 0.55)) & (
                 v[1:, 1:] > 0.5 - random.uniform(0.35, 0.55)
             )
             notch = notch[:: random.choice([-1, 1]), :: random.choice([-1, 1])]
+        x, y = x * np.cos(roll) - y * np.sin(roll), x * np.sin(roll) + y * np.cos(roll)
     halves = z / half_px
     if form in ("ball", "column"):
         halves *= min(MAX_ROUND / (0.9 * float(np.ptp(halves))), 1.0)

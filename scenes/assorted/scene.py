@@ -92,8 +92,8 @@ def _draw(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> 
     form = {"feature_px": params["feature_px"], "slope": params["slope"], "narrowed": target.narrowed}
     picture = texture(params["texture"], target.reach, **form, cut=CUT, random=random)
     specks = params["texture"] == "specks"  # their contrast is a dark ground
-    tone = random.uniform(0.04, 0.10) if specks else random.uniform(0.18, 0.6)
-    pictures = {"target": reflectance(picture, tone, params["contrast"] * (5 if specks else 1))}
+    tone = random.uniform(0.04, 0.10) if specks else float(np.exp(random.uniform(*np.log([0.07, 0.6]))))
+    pictures = {"target": reflectance(picture, tone, params["contrast"] * (3 if specks else 1))}
     for name, side in {"second": 100.0, "clutter": 60.0, "things": 60.0}.items():
         pictures[name] = _other(OTHERS[random.integers(len(OTHERS))], side, random)
     pictures["wall"] = _other(

@@ -81,8 +81,12 @@ def texture(
     """
     count = TEXELS * int(np.ceil(side_px + 2 * RIM_PX))
     sheet = Sheet((np.arange(count * FINE // TEXELS) + 0.5) / FINE, feature_px, slope, random)
-    rim = TEXELS * RIM_PX
-    return _unit(_band_limited(KINDS[kind](sheet), cut, narrowed)[rim:-rim, rim:-rim]).astype(np.float32)
+    rim, picture = TEXELS * RIM_PX, _unit(KINDS[kind](sheet))
+    if kind in TWO_TONED and random.random() < 0.5:
+        picture = -picture
+    if kind in SKEW:
+        picture = np.exp(random.uniform(0, 1) * picture)
+    return _unit(_band_limited(picture, cut, narrowed)[rim:-rim, rim:-rim]).astype(np.float32)
 
 
 def _band_limited(picture: np.ndarray, cut: float, narrowed: tuple[float, float]) -> np.ndarray:
@@ -265,6 +269,8 @@ def _near(s: Sheet, centre: np.ndarray, reach: float) -> tuple[tuple[slice, slic
     return (rows, columns), s.at[columns][None, :] - centre[0], s.at[rows][:, None] - centre[1]
 
 
+TWO_TONED = ("halftone", "print", "tissue", "circuit")  # dark on bright or bright on dark
+SKEW = ("noise", "dead_leaves", "bark", "foliage", "paper")  # few bright places on a dark ground, in part
 KINDS: dict[str, Callable[[Sheet], np.ndarray]] = {
     "noise": _noise,
     "dead_leaves": _dead_leaves,

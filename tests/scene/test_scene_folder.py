@@ -46,6 +46,14 @@ STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, tr
 @pytest.mark.parametrize(
     ("old", "new", "line", "message"),
     [
+        ("id: plane", f"id: plane\nlenses: {{near: {MACRO}}}", 2, "params: {lens: {choice: [near]}}"),
+        ("id: plane", f"id: plane\nlenses: {{near: {MACRO}}}\nparams: {{lens: near_}}", 3, "'near_'; allowed: near"),
+        ("id: plane", f"id: plane\nlenses: {{near: {MACRO}}}\nparams: {{lens: {{uniform: [1, 2]}}}}", 3, "lens '1'"),
+        ("id: plane", f"id: plane\nlenses: {{near: {MACRO}}}\nparams: {{lens: {{choice: [near, far]}}}}", 3, "'far'"),
+        ("id: plane", f"id: plane\nlenses: {{near: {MACRO}}}\nparams: {{lens: {{choose: [near]}}}}", 3, "choose"),
+        ("id: plane", "id: plane\nlenses: {near: {file: nowhere}}\nparams: {lens: near}", 2, "near"),
+        ("id: plane", f"id: plane\nlenses: [{MACRO}]", 2, "lenses"),
+        ("id: plane", f"id: plane\nlenses: {{a: {MACRO.replace('25', '650')}}}\nparams: {{lens: a}}", 2, "650 mm"),
         ("id: plane", "id: plain", 1, "'plain'; allowed: plane"),
         ("focus_range_m: [0.60, 0.42]", "focus_range_m: [0.60, 0.02]", 6, "25 mm"),
         ("focal_length_mm", "focal_lenght_mm", 6, "focal_length_mm"),
@@ -296,3 +304,20 @@ def test_a_folders_own_scene_shadows_one_that_comes_with_it_only_where_it_is_reg
     forget_folder(local.parent)
     monkeypatch.setenv("SAF_GEN_SCENES", str(local.parent))
     assert find_scene("camel").folder == local
+
+
+def test_a_member_has_the_lens_that_its_parameter_names(plane, edited):
+    before = find_scene("plane").digest
+    edited(
+        "id: plane",
+        f"id: plane\nlenses: {{near: {MACRO}, liquid: {LIQUID}}}\nparams: {{lens: {{choice: [near, liquid]}}}}",
+    )
+    family = find_scene("plane")
+    assert family.digest != before
+    drives = {type(family.draw_member("lens", n).build_drive()) for n in range(9)}
+    assert drives == {ImageDistanceDrive, FocalLengthDrive}
+    liquid = family.with_params({"lens": "liquid"})
+    assert liquid.card.lens.drive == "focal_length"
+    assert liquid.script_params["lens"]["image_distance_mm"] == 26
+    assert liquid.params == {"lens": "liquid"}
+    assert "liquid" in str(refusal(family.with_params, {"lens": "liquids"}))
