@@ -20,6 +20,9 @@ TABLE = Path(__file__).with_name("scene_costs.yaml")
 CORES = 2
 PLAIN_RAY_US = 0.8
 """Processor time of a light path that is traced and splatted alone."""
+SLICE_S, SLICE_RAY_US = 0.6, 2.5
+"""``slice_s`` and ``slice_ray_us`` of a scene that was not measured moving: the means of the 985 test slices of
+saf_bench-v2. By scene, a ray took from 0.4 (fabric) to 1.1 (crossroad, rain_window) of that."""
 WAVES_PER_S = 1.2e6
 """Samples of a thin section's picture at which the waves of a condenser are summed per second."""
 PLANE_S_PER_PIXEL = 8e-8  # to sum and store a pixel at a focus position
@@ -40,35 +43,31 @@ class SceneCost:
         Per pixel, for depth, target and shading, whatever the samples.
     ray_us : float
         Per pixel, sample and light group, at rest.
-    slice_s : float, optional
-        To show the scene at another moment; as long as ``load_s`` if it is not known.
-    slice_ray_us : float, optional
-        As ``ray_us``, in a time slice; the same as ``ray_us`` if it is not known.
+    slice_s, slice_ray_us : float
+        To show the scene at another moment, and as ``ray_us``, in a time slice. It is less than at rest, because slices
+        share the light paths of the moments before them.
     """
 
     load_s: float
     pixel_us: float
     ray_us: float
-    slice_s: float | None = None
-    slice_ray_us: float | None = None
+    slice_s: float = SLICE_S
+    slice_ray_us: float = SLICE_RAY_US
 
 
 @cache
 def scene_costs() -> Mapping[str, SceneCost]:
     """Return the costs of the scenes that were measured, by name; the studies measure them."""
-    return {name: SceneCost(**cost) for name, cost in read_yaml(TABLE).data.items()} if TABLE.exists() else {}
+    return {name: SceneCost(**cost) for name, cost in read_yaml(TABLE).data.items()}
 
 
 @cache
 def _cost_of(scene: str) -> SceneCost:
-    """Return the cost of a scene; if it was not measured, the medians of those that were."""
+    """Return the cost of a scene; if it was not measured, the medians of those that were at rest."""
     costs = scene_costs()
-    if scene in costs:
-        return costs[scene]
-    known = [
-        [vars(cost)[key] for cost in costs.values() if vars(cost)[key] is not None] for key in vars(SceneCost(0, 0, 0))
-    ]
-    return SceneCost(*map(median, known))
+    return costs.get(scene) or SceneCost(
+        *(median(vars(cost)[key] for cost in costs.values()) for key in ("load_s", "pixel_us", "ray_us"))
+    )
 
 
 def render_seconds(spec: StackSpec) -> float:
@@ -80,7 +79,7 @@ def render_seconds(spec: StackSpec) -> float:
     if spec.estimator == PICTURES:
         return spec.rendered_count * (PICTURE_S + pixels * PLANE_S_PER_PIXEL)
     cost = _cost_of(spec.scene)
-    load_s = cost.load_s if spec.window is None else _moment_s(cost)
+    load_s = cost.load_s if spec.window is None else cost.slice_s
     planes = len(spec.groups) * spec.rendered_count * pixels * PLANE_S_PER_PIXEL
     rays = len(spec.groups) * pixels * spec.samples
     return (load_s + 1e-6 * (pixels * cost.pixel_us + rays * _ray_us(cost, spec))) / CORES + planes
@@ -89,11 +88,7 @@ def render_seconds(spec: StackSpec) -> float:
 def _ray_us(cost: SceneCost, spec: StackSpec) -> float:
     if spec.estimator == "plain":
         return PLAIN_RAY_US
-    return cost.ray_us if spec.window is None or cost.slice_ray_us is None else cost.slice_ray_us
-
-
-def _moment_s(cost: SceneCost) -> float:
-    return cost.load_s if cost.slice_s is None else cost.slice_s
+    return cost.ray_us if spec.window is None else cost.slice_ray_us
 
 
 def start_seconds(spec: StackSpec) -> float:
@@ -107,12 +102,12 @@ def start_seconds(spec: StackSpec) -> float:
     others = len({*spec.moments_s} - {spec.time_s})
     paths = max(len(spec.moments_s) - 1, 0) * spec.rows * spec.columns * spec.samples * PATHS_PER_SAMPLE
     rays_s = 1e-6 * len(spec.groups) * paths * _ray_us(cost, spec)
-    return (cost.load_s + others * _moment_s(cost) + rays_s) / CORES
+    return (cost.load_s + others * cost.slice_s + rays_s) / CORES
 
 
 def load_seconds(spec: StackSpec) -> float:
     """Return the time to show the scene of a time slice once more (s)."""
-    return 0.0 if spec.estimator == WAVES else _moment_s(_cost_of(spec.scene)) / CORES
+    return 0.0 if spec.estimator == WAVES else _cost_of(spec.scene).slice_s / CORES
 
 
 def grain_seconds(stack: TimeResolvedStack) -> float:

@@ -99,11 +99,11 @@ def _render(scene: Scene, specs: Sequence[StackSpec]) -> float:
 
 
 def table_text(costs: dict[str, SceneCost]) -> str:
-    """Return the table as YAML, a line for each scene."""
-    lines = (
-        f"{name}: {{{', '.join(f'{key}: {value:.3g}' for key, value in vars(cost).items() if value is not None)}}}\n"
-        for name, cost in sorted(costs.items())
-    )
+    """Return the table as YAML, a line for each scene, without what was not measured."""
+    usual, lines = SceneCost(0, 0, 0), list[str]()
+    for name, cost in sorted(costs.items()):
+        measured = (f"{key}: {value:.3g}" for key, value in vars(cost).items() if value != vars(usual)[key])
+        lines.append(f"{name}: {{{', '.join(measured)}}}\n")
     return HEAD + "".join(lines)
 
 

@@ -5,17 +5,21 @@ import subprocess
 import sys
 
 import numpy as np
+import OpenEXR
 import pytest
+import tifffile
 from PIL import Image
 from refusals import assert_says, refusal
 from scipy.ndimage import gaussian_filter, zoom
 from small_dataset import HERE
 
 import saf_gen
+from saf_gen.camera import get_sensor
 from saf_gen.generate.plan import make_plan
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import coarse_sampling, recipe_fingerprint, resolve_recipe
 from saf_gen.generate.run import generate
+from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.picture_stack import magnification
 
 PICTURES, PEAK, STEP_UM = 9, 3.4, 0.5
@@ -223,3 +227,86 @@ def test_pictures_that_are_few_black_or_of_several_sizes_are_refused(made, tmp_p
     for k in range(2, PICTURES):
         (folder / f"z_{k}.tif").unlink()
     assert_says(refusal(resolve_recipe, path), "has 2 pictures | at least 3")
+
+
+def srgb(light):
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def save_pages(path, description=""):
+    pages = [Image.fromarray((picture * 50_000).astype(np.uint16)) for picture in texture()]
+    pages[0].save(path, save_all=True, append_images=pages[1:], description=description)
+
+
+def save_ome(path, z):
+    plane = {"PositionZ": list(z), "PositionZUnit": ["µm"] * PICTURES}
+    pages = (texture() * 50_000).astype(np.uint16)
+    tifffile.imwrite(path, pages, ome=True, metadata={"axes": "ZYX", "Plane": plane})
+
+
+def write_png(folder):
+    (folder / "png").mkdir()
+    for k, picture in enumerate(texture()):
+        Image.fromarray(np.rint(255 * srgb(picture)).astype(np.uint8)).save(folder / "png" / f"scan{k + 8}.png")
+
+
+def write_exr(folder):
+    (folder / "exr").mkdir()
+    for k, picture in enumerate(texture()):
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, {"Y": picture.astype(np.float32)}).write(str(folder / "exr" / f"z{k}.exr"))
+
+
+IMAGEJ = "ImageJ=1.54f\nimages=9\nslices=9\nspacing=0.5\nunit=um\n"
+KINDS = {
+    "png": (write_png, "png, values: srgb", None),
+    "exr": (write_exr, "exr", None),
+    "imagej": (lambda folder: save_pages(folder / "s.tif", IMAGEJ), "s.tif, values: linear", 0.5),
+    "ome_downwards": (lambda folder: save_ome(folder / "s.tif", 9 - np.arange(9) / 4), "s.tif, values: linear", 0.25),
+    "pages": (lambda folder: save_pages(folder / "s.tif"), "s.tif, values: linear", None),
+    "array_of_floats": (lambda folder: np.save(folder / "s.npy", 40 * texture()), "s.npy, values: linear", None),
+    "array_of_bytes": (
+        lambda folder: np.save(folder / "s.npy", np.rint(255 * texture()).astype(np.uint8)),
+        "s.npy, values: linear", None,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_pictures_have_the_same_focus_in_every_kind_of_file(made, tmp_path, kind):
+    write, stated, step_um = KINDS[kind]
+    write(tmp_path)
+    own = resolve_recipe(made()).scenes["dots"]
+    found = resolve_recipe(made(("pictures, values: linear, step_um: 0.5", stated))).scenes["dots"]
+    assert (found.count, found.step_um) == (PICTURES, step_um)
+    light = []
+    for stack in (own, found):
+        spec = stack.spec(get_sensor(HERE / "small_sensor.yaml"))
+        stack.take_in(spec, tmp_path / "stacks")
+        light.append(StackStore(tmp_path / "stacks", spec).load_planes(0, PICTURES))
+    np.testing.assert_allclose(light[1] / light[1].mean(), light[0] / light[0].mean(), atol=0.02)
+
+
+WRONG_FILES = {
+    "step_contradicts": (
+        lambda p: save_pages(p, IMAGEJ),
+        "step_um: 0.7",
+        "step_um of stack 'dots' is 0.7, and the file states 0.5",
+    ),
+    "steps_are_not_equal": (lambda p: save_ome(p, [0, 1, 2, 3, 4, 5, 6, 7, 9]), "", "1 to 2 µm apart | equal steps"),
+    "the_focus_turns": (lambda p: save_ome(p, [0, 1, 2, 3, 4, 3, 2, 1, 0.5]), "", "µm apart | equal steps"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_FILES)
+def test_a_file_that_contradicts_the_recipe_is_refused(made, tmp_path, case):
+    save, stated, said = WRONG_FILES[case]
+    save(tmp_path / "s.tif")
+    path = made(("pictures, values: linear, step_um: 0.5", f"s.tif, values: linear{stated and ', ' + stated}"))
+    assert_says(refusal(resolve_recipe, path), said)
+
+
+def test_exr_files_are_not_decoded_as_srgb(made, tmp_path):
+    write_exr(tmp_path)
+    path = made(("pictures, values: linear, step_um: 0.5", "exr, values: srgb"))
+    assert_says(refusal(resolve_recipe, path), "its tags say: linear light | leave values out")
