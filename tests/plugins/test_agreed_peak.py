@@ -1,4 +1,4 @@
-"""The quotient of octaves, its witness, and the search in which both must agree, on pictures and spikes of known focus."""
+"""The quotient of octaves, its witness, and the search in which both must agree."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Quotient of octaves: the share of fine structure in all structure, which light, dark spikes and lamps hardly change."""
+"""Quotient of octaves: the share of fine structure in all structure, which hardly changes with the light."""
 
 import math
 from dataclasses import dataclass
@@ -38,8 +38,8 @@ class OctaveQuotient:
     below 0, so the score is not highest at the focus of halftones, weaves, meshes and displays. ``agreed_peak``
     therefore compares it with ``split_gradient``.
 
-    Range: 0 for noise, up to 1 for structure in the finest octave alone; degree 0; cost 32: per distance and axis a
-    difference, a product and an addition, and two for the mean.
+    Range: 0 for noise, up to 1 for structure in the finest octave alone; degree 0; cost 30: per distance and axis a
+    difference, a product and an addition.
 
     References
     ----------
@@ -47,7 +47,7 @@ class OctaveQuotient:
     """
 
     degree: ClassVar[int] = 0
-    cost: ClassVar[float] = 32.0
+    cost: ClassVar[float] = 30.0
     score_range: ClassVar[str] = "0 ... 1"
 
     def __call__(self, counts: np.ndarray) -> float:
@@ -64,7 +64,7 @@ class OctaveQuotient:
 
 @njit(nogil=True, cache=True)
 def structure(c: np.ndarray) -> np.ndarray:
-    """Return S(1), S(2), … S(16) of counts (row, col), int32 or float64, NaN where no two pixels are that far apart along both axes.
+    """Return S(1), S(2), … S(16) of counts (row, col), int32 or float64; NaN for distances that do not fit.
 
     Sums of int32 counts are exact. The loop is compiled because temporary arrays for each distance would cost more than
     the arithmetic.
