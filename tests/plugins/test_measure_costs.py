@@ -11,7 +11,7 @@ from saf_gen import get_measure
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import wants_halves
-from saf_gen.plugins.measures import _filters, _spectrum, gradient_code, measure_names
+from saf_gen.plugins.measures import _filters, _spectrum, gradient_code, measure_names, octave_quotient, split_gradient
 
 OWN = sorted(registry._builtin_names("measures"))
 BEYOND = {"cen", "mid_band_power", "entropy", "change_rate"}
@@ -96,7 +96,12 @@ def bare(monkeypatch):
         return np.full(shape, numbers[float](0.0), dtype=object)
 
     monkeypatch.setattr(_filters, "np", SimpleNamespace(zeros=zeros, empty=zeros))
-    monkeypatch.setattr(gradient_code, "_magnitudes", gradient_code._magnitudes.py_func)
+    for module, kernel in (
+        (gradient_code, "_magnitudes"),
+        (octave_quotient, "structure"),
+        (split_gradient, "shared_gradient"),
+    ):
+        monkeypatch.setattr(module, kernel, getattr(module, kernel).py_func)
     monkeypatch.setattr(gradient_code, "math", SimpleNamespace(sqrt=root))
 
 
@@ -108,7 +113,7 @@ def operations(measure, shape, kind):
 
 def per_pixel(measure, kind=int):
     """Operations per pixel from four sizes, without those at borders and those done once per window."""
-    rows, cols = 16, 24
+    rows, cols = 24, 32
     sizes = {(i, j): operations(measure, (i * rows, j * cols), kind) for i in (1, 2) for j in (1, 2)}
     return (sizes[2, 2] - sizes[1, 2] - sizes[2, 1] + sizes[1, 1]) / (rows * cols)
 
