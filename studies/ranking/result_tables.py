@@ -90,7 +90,8 @@ def tabulate_results(evaluation: Evaluation) -> str:
 
 
 def _success_cells(row: Evaluation) -> list[str]:
-    ends = (None if row[key] is None else 100 * row[key] for key in ("answerable_1dof_low", "answerable_1dof_high"))
+    keys = ("answerable_1dof_low", "answerable_1dof_high")
+    ends = (None if row[key] is None else 100 * row[key] for key in keys)
     return [format_percent(row["answerable_1dof"]), format_interval(*ends, 0), format_number(row["median_error_dof"], 2)]
 
 
