@@ -39,6 +39,9 @@ SHOWN_FILES, SHOWN_LINES, SHOWN_CHARACTERS = 25, 8, 180
 MASKED = {
     "seconds": "computing time, in records and tables",
     "s": "the same column in tables for readers",
+    "reference_rate": "speed of the machine, in records",
+    "over_declared": "computing time divided by what is declared, in tables",
+    "over declared": "the same column in tables for readers",
     "machine": "processor, and versions of Python and numpy",
     "machines": "the same in leaderboard.json",
     "host": "name of the machine in verification.json",

@@ -67,7 +67,7 @@ def bounding_box(target: np.ndarray) -> Region:
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-def place_box(region: str, box: Region, size: tuple[int, int]) -> Region:
+def place_box(region: str, box: Region, *, size: tuple[int, int]) -> Region:
     """Return the box of a region of REGIONS, other than ``frame``, for the ``box`` of the target, inside ``size``.
 
     A box that is shifted moves to larger columns, or to smaller ones where there is more room. One that is resized
@@ -81,11 +81,11 @@ def place_box(region: str, box: Region, size: tuple[int, int]) -> Region:
         by = min(by, right) if right >= left else -min(by, left)
         return rows, slice(columns.start + by, columns.stop + by)
     factor = {"target": 1.0, "half": 0.5, "double": 2.0}[region]
-    rows, columns = (_resize(span, factor, length) for span, length in zip(box, size, strict=True))
+    rows, columns = (_resize(span, factor, length=length) for span, length in zip(box, size, strict=True))
     return rows, columns
 
 
-def _resize(span: slice, factor: float, length: int) -> slice:
+def _resize(span: slice, factor: float, *, length: int) -> slice:
     width = span.stop - span.start
     new = max(round(width * factor), 1)
     first = span.start + (width - new) // 2

@@ -6,7 +6,6 @@ from statistics import median
 
 from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.view.operations import OVER_DECLARED
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.leaderboard.intervals import MIN_SCENES
 from saf_gen.leaderboard.outcomes import group_by
@@ -45,11 +44,6 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
         f"{row.method} fails methods check: {row.failed_check} (saf-gen methods check says why)."
         for row in rows
         if row.failed_check
-    ]
-    found += [
-        f"{row.method} computes for {row.over_declared:.0f} times what it declares."
-        for row in rows
-        if (row.over_declared or 0) > OVER_DECLARED
     ]
     found += _name_obstacles(records)
     found += _name_least_blur(records)

@@ -48,7 +48,7 @@ def choose_region(stream: ReadableStream, region: str) -> tuple[Region | None, s
     """Return the box and the name of one of REGIONS; (None, "frame") for "frame", or if it needs an unknown target."""
     target, size = stream.truth.target, (int(stream.shape[1]), int(stream.shape[2]))
     if region == "centre":
-        return place_box(region, (slice(0, size[0]), slice(0, size[1])), size), region
+        return place_box(region, (slice(0, size[0]), slice(0, size[1])), size=size), region
     if region != "frame" and target is not None and np.any(target):
-        return place_box(region, bounding_box(target), size), region
+        return place_box(region, bounding_box(target), size=size), region
     return None, "frame"

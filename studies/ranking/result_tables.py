@@ -90,9 +90,9 @@ def tabulate_results(evaluation: Evaluation) -> str:
 
 
 def _success_cells(row: Evaluation) -> list[str]:
-    keys = ("answerable_1dof_low", "answerable_1dof_high")
-    ends = (None if row[key] is None else 100 * row[key] for key in keys)
-    return [format_percent(row["answerable_1dof"]), format_interval(*ends, 0), format_number(row["median_error_dof"], 2)]
+    ends = (None if row[key] is None else 100 * row[key] for key in ("answerable_1dof_low", "answerable_1dof_high"))
+    success, error = format_percent(row["answerable_1dof"]), format_number(row["median_error_dof"], 2)
+    return [success, format_interval(*ends, 0), error]
 
 
 def tabulate_conditions(evaluation: Evaluation) -> str:

@@ -24,7 +24,10 @@ def dataset(tmp_path_factory):
 
 def plain(result):
     """Return records without their computing time, and parts of the sweeps with arrays as bytes."""
-    records = [{f.name: getattr(r, f.name) for f in fields(r) if f.name != "seconds"} for r in result.records]
+    records = [
+        {f.name: getattr(r, f.name) for f in fields(r) if f.name not in ("seconds", "reference_rate")}
+        for r in result.records
+    ]
     return records, [(s.sequence, np.asarray(s.rate).tobytes(), s.thumbnails is not None) for s in result.sweeps]
 
 

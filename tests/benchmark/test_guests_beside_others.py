@@ -39,7 +39,7 @@ def scan(view):
 """
 FEW = ("exits_at_once", "reads_address_zero", "never_ends", "patches_a_rival", "asks_without_listening",
        "closes_all_descriptors")  # fmt: skip
-COST = ("seconds", "machine")
+COST = ("seconds", "machine", "reference_rate")
 
 
 def load_hostile():

@@ -57,7 +57,7 @@ def without_times(value):
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if dataclasses.is_dataclass(value):
-        names = {f.name for f in dataclasses.fields(value)} - {"seconds"}
+        names = {f.name for f in dataclasses.fields(value)} - {"seconds", "reference_rate"}
         return {name: without_times(getattr(value, name)) for name in names}
     return [without_times(one) for one in value] if isinstance(value, tuple) else repr(value)
 

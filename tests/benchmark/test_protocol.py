@@ -123,7 +123,7 @@ def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(recording, tmp_p
     assert "the actuator stepper needs 409.55 ms for a sweep" in message
     assert not (tmp_path / "out").exists()
     assert call(*loop)[0] == 0
-    assert {r.terms for r in read_records(tmp_path / "out")} == {"stepper, 40 ms, no sweep"}
+    assert {r.terms for r in read_records(tmp_path / "out")} == {"stepper, 40 ms, no sweep, 1e+09 op/s"}
 
 
 def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(recording):

@@ -83,11 +83,11 @@ def test_an_array_that_does_not_fit_is_refused(array, message):
     ],
 )
 def test_a_box_of_another_size_or_place_stays_inside_the_frame(region, box, expected):
-    rows, columns = place_box(region, (slice(*box[:2]), slice(*box[2:])), (40, 100))
+    rows, columns = place_box(region, (slice(*box[:2]), slice(*box[2:])), size=(40, 100))
     assert (rows.start, rows.stop, columns.start, columns.stop) == expected
 
 
 @pytest.mark.parametrize("region", [region for region in REGIONS if region != "frame"])
 def test_a_frame_of_one_pixel_has_every_box(region):
     whole = slice(0, 1), slice(0, 1)
-    assert place_box(region, whole, (1, 1)) == whole
+    assert place_box(region, whole, size=(1, 1)) == whole

@@ -53,7 +53,7 @@ from saf_gen.stream.stream_writer import write_stream
 
 CHANGES = ("fsync", "rename", "replace", "unlink", "remove", "rmdir")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
-TIMED = ("seconds",)
+TIMED = ("seconds", "reference_rate", "over_declared")
 LOADED = {
     "generate": ("mitsuba", "saf_gen.authoring.contact_sheet", "saf_gen.generate.resolve", "saf_gen.render.grain"),
     "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
