@@ -150,7 +150,7 @@ class PlannedSequence:
     @property
     def label(self) -> str:
         """Name of the captured scene in messages: its name, the member, and whether it moves."""
-        member = f"{self.scene} (member {self.member})" if self.params else self.scene
+        member = f"{self.scene} (member {self.member})" if self.params and not self.is_scene else self.counted_as
         return f"{member}, {self.scene_motion}" if self.scene_motion == "dynamic" else member
 
 

@@ -21,7 +21,7 @@ CUT = 0.43  # cycles a pixel: the finest detail of a texture as the lens sees it
 MAX_TRIES = 30
 MIN_CONTRAST, MAX_HIDDEN, MAX_DEPTH = 0.012, 0.4, 5.5  # what usable() asks for
 ROUGHNESS = {"satin": 0.3, "glossy": 0.12}
-REFLECTANCE = (0.02, 0.9)
+REFLECTANCE = (0.015, 0.9)
 OTHERS = (
     "noise",
     "dead_leaves",
@@ -92,8 +92,8 @@ def _draw(params: dict[str, Any], sight: Sight, random: np.random.Generator) -> 
     form = {"feature_px": params["feature_px"], "slope": params["slope"], "narrowed": target.narrowed}
     picture = texture(params["texture"], target.reach, **form, cut=CUT, random=random)
     specks = params["texture"] == "specks"  # their contrast is a dark ground
-    tone = random.uniform(0.04, 0.10) if specks else float(np.exp(random.uniform(*np.log([0.07, 0.6]))))
-    pictures = {"target": reflectance(picture, tone, params["contrast"] * (3 if specks else 1))}
+    tone = random.uniform(0.04, 0.10) if specks else float(np.exp(random.uniform(*np.log([0.06, 0.6]))))
+    pictures = {"target": reflectance(picture, tone, params["contrast"])}
     for name, side in {"second": 100.0, "clutter": 60.0, "things": 60.0}.items():
         pictures[name] = _other(OTHERS[random.integers(len(OTHERS))], side, random)
     pictures["wall"] = _other(

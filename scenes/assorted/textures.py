@@ -85,7 +85,7 @@ def texture(
     if kind in TWO_TONED and random.random() < 0.5:
         picture = -picture
     if kind in SKEW:
-        picture = np.exp(random.uniform(0, 1) * picture)
+        picture = np.exp(random.uniform(0, 1.5) * picture)
     return _unit(_band_limited(picture, cut, narrowed)[rim:-rim, rim:-rim]).astype(np.float32)
 
 
