@@ -94,6 +94,9 @@ class Capture:
             sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor")
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
+            bands_nm = tuple(float(nm) for nm in sequence.get("bands_nm", ()))
+            if len(keys) % max(len(bands_nm), 1):
+                raise ValueError(bands_nm)
         except (KeyError, ValueError, TypeError, OverflowError) as error:
             raise BadInput(
                 "the stream does not say how to capture it again",
@@ -101,7 +104,7 @@ class Capture:
                 allowed="streams of a dataset, for the closed-loop track",
                 hint="remove it and run saf-gen generate again, or use --track recorded",
             ) from error
-        specs, bands_nm = tuple(StackSpec.read(stacks, key) for key in keys), tuple(sequence.get("bands_nm", ()))
+        specs = tuple(StackSpec.read(stacks, key) for key in keys)
         moments = specs[: len(specs) // max(len(bands_nm), 1)]
         moving = len(moments) > 1
         slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in moments) if moving else (0,)
