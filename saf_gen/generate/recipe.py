@@ -25,7 +25,7 @@ from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.core.spectrum import FORMS, NAMES
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.sealing import SealedSeed, open_seed
 from saf_gen.optics import AxialColour
 from saf_gen.plugins.lights import COMMON_KEYS, UNITS, read_schedule, states_spectrum
@@ -391,7 +391,9 @@ def read_recipe(path: str | Path) -> Recipe:
     """
     document = read_yaml(path)
     open_seed(document)
-    of_stacks = isinstance(document.data, dict) and "stacks" in document.data
+    # A misspelt key of stacks is told as one, too.
+    keys = document.data if isinstance(document.data, dict) else ()
+    of_stacks = any(closest(key, [*Recipe.model_fields, "stacks"]) == "stacks" for key in keys)
     recipe = validate_document(StackRecipe if of_stacks else Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():

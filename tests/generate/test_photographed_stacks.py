@@ -161,6 +161,7 @@ def test_shards_share_stacks_and_their_cost_is_known(made, tmp_path):
 
 
 WRONG = {
+    "misspelt": ([("stacks:", "stack:")], "unknown key 'stack' | stacks"),
     "values_not_stated": ([("values: linear, ", "")], "does not say how its values stand for light | values: linear"),
     "no_such_values": ([("values: linear", "values: gamma")], "stacks.dots.values | gamma | linear, srgb"),
     "unknown_key": ([("step_um: 0.5", "step_mm: 0.5")], "step_mm | step_um"),
