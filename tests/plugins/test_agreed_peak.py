@@ -8,7 +8,7 @@ from saf_gen import get_measure, get_search
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.plugins.searches._light_windows import LightWindow
-from saf_gen.plugins.searches.agreed_peak import blocks_have_passed, scatter, skew_top
+from saf_gen.plugins.searches.agreed_peak import blocks_prefer, scatter, skew_top
 
 quotient, split = get_measure("octave_quotient"), get_measure("split_gradient")
 
@@ -155,4 +155,5 @@ class Halves:
 @pytest.mark.parametrize(("left", "passed"), [(16, False), (48, True), (64, True)])
 def test_blocks_vote_whether_the_target_has_passed(left, passed):
     windows = [LightWindow(0, 10, 6.0, 1), LightWindow(20, 30, 6.0, 1)]
-    assert blocks_have_passed(Halves(left), windows, at=0) is passed
+    assert blocks_prefer(Halves(left), *windows, least=0.25) is passed
+    assert blocks_prefer(Halves(left), *windows, least=1.0) is (left == 64)

@@ -27,7 +27,7 @@ ALIKE = 1.5
 BELL_ABOVE, ROUGH = 0.4, 0.1
 """Options ``above`` and ``rough`` of peak_fit, for a focus so near an end of the sweep that one side is missing."""
 BLOCKS = 4
-"""Blocks of a picture along each axis that vote before the sweep stops."""
+"""Blocks of a picture along each axis that vote."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ class AgreedPeak:
     patterns with a single fine period. ``split_gradient`` follows any texture, and the light as well. If their peaks
     are at most the fraction ``near`` of the sweep apart, the first measure answers. If not, the better conditioned one
     does: ``split_gradient`` if its peak is ``clear`` times its median and stands out of its scatter by ``clear`` times
-    that, since a fine pattern leaves nothing once it is blurred, and otherwise the method's measure.
+    that, since a fine pattern leaves nothing once it is blurred, and if all 4 × 4 blocks of the picture are sharper
+    there, since peaks differ as well if the target has several depths; otherwise the method's measure.
 
     The focus is the highest point of a polynomial of third order, which may be skew, through the scores around the
     largest that stay above the fraction ``above`` of the curve's range. The search abstains if the curve does not fall
@@ -98,13 +99,13 @@ class AgreedPeak:
             fell = all(curve.has_fallen(*least) for curve, least in zip(curves, FALLEN, strict=True))
             fallen = fallen + 1 if fell else 0
             if fallen > max(2, window.steps) and all(curve.is_peak(RISEN) for curve in curves):
-                chosen = self._choose(curves, scores, windows, frames=view.frames)
-                if blocks_have_passed(view, windows, at=int(curves[chosen].smoothed.argmax())):
+                chosen = self._choose(view, curves, scores, windows)
+                if blocks_prefer(view, windows[curves[chosen].smoothed.argmax()], window, least=0.25):
                     break
         note = f"stopped after {view.now} of {view.frames} frames"
         if len(windows) < FEWEST:
             return Answer(None, tuple(trace), "too dark")
-        chosen = self._choose(curves, scores, windows, frames=view.frames)
+        chosen = self._choose(view, curves, scores, windows)
         x, y = curves[chosen].frames, curves[chosen].smoothed
         k, spread = int(y.argmax()), scatter([score[chosen] for score in scores], windows)
         fall = min(y[k] - y[: k + 1].min(), y[k] - y[k:].min())
@@ -119,16 +120,19 @@ class AgreedPeak:
         return Answer(frame, tuple(trace), f"{note}, by {WITNESS}" if chosen else note)
 
     def _choose(
-        self, curves: list[ScoreCurve], scores: list[tuple[float, float]], windows: list[LightWindow], *, frames: int
+        self, view: View, curves: list[ScoreCurve], scores: list[tuple[float, float]], windows: list[LightWindow]
     ) -> int:
         """Return 1 if the peak of the second curve is to be believed and the first one is elsewhere, otherwise 0."""
         first, second = (curve.best() for curve in curves)
-        if abs(first - second) <= self.near * frames:
+        if abs(first - second) <= self.near * view.frames:
             return 0
         y, rate = curves[1].smoothed, np.array([window.light / (window.stop - window.first) for window in windows])
         alike = np.abs(np.log(rate / rate[y.argmax()])) < np.log(ALIKE)  # the fixed pattern grows as the light fades
         middle, spread = float(np.median(y[alike])), scatter([score[1] for score in scores], windows)
-        return int(y.max() > self.clear * max(middle, 0.0) and y.max() - middle > self.clear * spread)
+        if y.max() <= self.clear * max(middle, 0.0) or y.max() - middle <= self.clear * spread:
+            return 0
+        peaks = (windows[curve.smoothed.argmax()] for curve in curves[::-1])
+        return int(blocks_prefer(view, *peaks, least=1.0))
 
 
 def scatter(scores: list[float], windows: list[LightWindow]) -> float:
@@ -162,16 +166,16 @@ def skew_top(x: np.ndarray, y: np.ndarray, *, above: float) -> float:
     return float(fine[shape((fine - x[k]) / scale).argmax()])
 
 
-def blocks_have_passed(view: View, windows: list[LightWindow], *, at: int) -> bool:
-    """Return whether most blocks of the picture that changed clearly were sharper in window ``at`` than in the last.
+def blocks_prefer(view: View, one: LightWindow, other: LightWindow, *, least: float) -> bool:
+    """Return whether most blocks of the picture that differ clearly are sharper in window ``one`` than in ``other``.
 
-    At least a quarter of all blocks must have been. Sharpness is the mean squared difference of neighbours over squared
-    brightness. A clear change is one by three standard errors, as if all of it were white noise.
+    They must be twice as many as those that are less sharp, and at least the fraction ``least`` of all blocks.
+    Sharpness is the mean squared difference of neighbours over squared brightness. A clear difference is one of three
+    standard errors, as if all of it were white noise.
     """
-    (peak, size), (last, _) = (block_gradients(view.counts(w.first, w.stop)) for w in (windows[at], windows[-1]))
-    change = (peak - last) / (3 * np.sqrt(2 / size) * (peak + last) / 2 + 1e-300)
-    sharper, duller = int(np.sum(change > 1)), int(np.sum(change < -1))
-    return sharper >= max(duller, BLOCKS**2 / 4)
+    (here, size), (there, _) = (block_gradients(view.counts(w.first, w.stop)) for w in (one, other))
+    gain = (here - there) / (3 * np.sqrt(2 / size) * (here + there) / 2 + 1e-300)
+    return bool(np.sum(gain > 1) >= max(2 * np.sum(gain < -1), least * BLOCKS**2))
 
 
 def block_gradients(counts: np.ndarray) -> tuple[np.ndarray, float]:
