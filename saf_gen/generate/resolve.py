@@ -145,7 +145,7 @@ class PlannedSequence:
     @property
     def counted_as(self) -> str:
         """Name of the scene in manifests and results: a member that counts as a scene has a name of its own."""
-        return _name_member(self.scene, self.split, self.member) if self.is_scene else self.scene
+        return _name_member(self.scene, self.split, member=self.member) if self.is_scene else self.scene
 
     @property
     def label(self) -> str:
@@ -235,7 +235,7 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
             )
 
 
-def _name_member(scene: str, split: str, member: int) -> str:
+def _name_member(scene: str, split: str, *, member: int) -> str:
     return f"{scene}-{split}-{member:03d}"
 
 
@@ -253,7 +253,7 @@ def _draw_sequence(
     settings = recipe.splits[split]
     moves = ["dynamic"] if scene_motion == "dynamic" else []
     if settings.members:  # of the same family in several splits
-        name = "-".join([_name_member(scene, split, repeat), *moves, light])
+        name = "-".join([_name_member(scene, split, member=repeat), *moves, light])
     else:
         name = "-".join([scene, *moves, light, f"{repeat:02d}"])
     stream = (recipe.seed, split, name)
