@@ -509,11 +509,33 @@ def recipe_schema() -> Schema:
     }
     schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, several, by_group]}
     schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
-    focus, exposure = schema["$defs"]["FocusSettings"]["properties"], schema["$defs"]["ExposureSettings"]["properties"]
-    focus["motion"] = {**define_schema(schema, "motions"), "description": focus["motion"]["description"]}
+    _add_stacks(schema)
+    exposure, motions = schema["$defs"]["ExposureSettings"]["properties"], define_schema(schema, "motions")
+    for part in ("FocusSettings", "StackFocus"):
+        focus = schema["$defs"][part]["properties"]
+        focus["motion"] = {**motions, "description": focus["motion"]["description"]}
     rate = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
     exposure["mean_rate"]["anyOf"] = [rate, OPEN, {"type": "null"}]
     return schema
+
+
+def _add_stacks(schema: Schema) -> None:
+    """Let the schema of a recipe take stacks that were photographed, without what only a renderer needs."""
+    of_stacks = model_schema(StackRecipe, "")
+    schema["$defs"] |= {part: of_stacks["$defs"][part] for part in ("StackSettings", "StackFocus")}
+    del schema["$defs"]["StackFocus"]["properties"]["positions"]
+    schema["properties"]["stacks"] = of_stacks["properties"]["stacks"]
+    schema["properties"]["focus"] = {"anyOf": [{"$ref": f"#/$defs/{part}"} for part in ("FocusSettings", "StackFocus")]}
+    rendered = ["focus", "render"]
+    schema["required"] = [key for key in schema["required"] if key not in rendered]
+    schema["anyOf"] = [
+        {
+            "required": rendered,
+            "properties": {"focus": {"$ref": "#/$defs/FocusSettings"}},
+            "not": {"required": ["stacks"]},
+        },
+        {"required": ["stacks"], "properties": {"focus": {"$ref": "#/$defs/StackFocus"}, "render": False}},
+    ]
 
 
 def recipe_names() -> list[str]:

@@ -44,6 +44,37 @@ def changed(document, keys, value):
     return copy
 
 
+STACKS = {
+    **{key: value for key, value in RECIPE.items() if key not in ("focus", "render", "splits", "scene_params")},
+    "camera": {"sensor": "vidar_400x250", "frames": 2000, "exposure": {"mean_rate": 0.1}},
+    "stacks": {"weave": {"folder": "weave", "values": "linear", "box": [80, 50, 160, 100], "licence": "CC0-1.0"}},
+    "splits": {"test": {"scenes": ["weave"], "lights": ["constant"]}},
+}
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "accepted"),
+    [
+        (("seed",), 3, True),
+        (("focus",), {"motion": {"kind": "sweep"}}, True),
+        (("stacks", "weave", "step_um"), 2.5, True),
+        (("focus",), {"positions": 9}, False),
+        (("render",), {"samples": 3}, False),
+        (("stacks", "weave", "valuess"), "linear", False),
+        (("stacks", "weave", "values"), "gamma", False),
+        (("stacks",), {}, False),
+    ],
+    ids=str,
+)
+def test_a_recipe_of_photographed_stacks_needs_no_renderer(keys, value, accepted, validators):
+    assert validators["recipe"].is_valid(changed(STACKS, keys, value)) == accepted
+
+
+def test_a_recipe_of_scenes_needs_focus_and_render(validators):
+    for key in ("focus", "render"):
+        assert not validators["recipe"].is_valid({k: v for k, v in RECIPE.items() if k != key})
+
+
 @pytest.mark.parametrize(
     ("keys", "value"),
     [
