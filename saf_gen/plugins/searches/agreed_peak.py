@@ -9,7 +9,6 @@ from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._light_windows import LightWindow, equal_light_windows
 from saf_gen.plugins.searches._score_curve import ScoreCurve
 from saf_gen.plugins.searches._windows import check_frame_count, check_numbers
-from saf_gen.plugins.searches.peak_fit import fit_bell
 
 WITNESS = "split_gradient"
 SHORTEST = 4
@@ -25,7 +24,7 @@ RISEN = 0.05
 ALIKE = 1.5
 """Ratio of light up to which windows have about the same fixed pattern."""
 BELL_ABOVE, ROUGH = 0.4, 0.1
-"""Options ``above`` and ``rough`` of peak_fit, for a focus so near an end of the sweep that one side is missing."""
+"""Options ``above`` and ``rough`` of peak_fit, whose bell is fitted if one side of the peak is missing."""
 BLOCKS = 4
 """Blocks of a picture along each axis that vote."""
 
@@ -110,11 +109,9 @@ class AgreedPeak:
         k, spread = int(y.argmax()), scatter([score[chosen] for score in scores], windows)
         fall = min(y[k] - y[: k + 1].min(), y[k] - y[k:].min())
         if not fall > max(self.fall * np.ptp(y), self.stand_out * spread):
-            bell = fit_bell(
-                x, np.array(scores)[:, chosen], light=np.array([w.light for w in windows]), above=BELL_ABOVE
-            )
-            if bell and bell.misfit < ROUGH and 0 <= bell.focus < view.frames:
-                return Answer(bell.focus, tuple(trace), f"{note}, at an end of it")
+            found = bell_top(x, np.array(scores)[:, chosen], np.array([window.light for window in windows]))
+            if found is not None and 0 <= found < view.frames:
+                return Answer(found, tuple(trace), f"{note}, at an end of it")
             return Answer(None, tuple(trace), f"{note}: no focus in it, the curve has no peak that stands out")
         frame = skew_top(x, y, above=self.above)
         return Answer(frame, tuple(trace), f"{note}, by {WITNESS}" if chosen else note)
@@ -164,6 +161,27 @@ def skew_top(x: np.ndarray, y: np.ndarray, *, above: float) -> float:
     shape = np.polynomial.Polynomial.fit((x[begin:stop] - x[k]) / scale, y[begin:stop], 3)
     fine = np.linspace(x[begin], x[stop - 1], 401)
     return float(fine[shape((fine - x[k]) / scale).argmax()])
+
+
+def bell_top(x: np.ndarray, y: np.ndarray, light: np.ndarray) -> float | None:
+    """Return the top of the bell through scores y at x, as ``peak_fit`` does, or None if they do not form one.
+
+    ``light`` holds the spikes per pixel of the windows; all are (n,), and x is in order.
+    """
+    k = int(y.argmax())
+    low = np.flatnonzero(y <= BELL_ABOVE * y[k])
+    place = np.searchsorted(low, k)
+    part = slice(low[place - 1] + 1 if place else 0, low[place] if place < len(low) else len(y))
+    x, y, light = x[part], y[part], light[part]
+    if len(x) < FEWEST or y.min() <= 0:
+        return None
+    t, weights = (x - x.mean()) / np.ptp(x), y * y * np.sqrt(light / light.max())
+    shape = np.polynomial.Polynomial.fit(t, 1 / y, 2, w=weights, domain=[-1, 1])
+    level, slope, bend = shape.coef
+    if bend <= 0 or level <= slope * slope / (4 * bend):
+        return None  # 1/y is not a parabola with a minimum above zero
+    misfit = np.sqrt(np.average((shape(t) * y - 1) ** 2, weights=weights) * len(x) / (len(x) - 3))
+    return float(x.mean() - np.ptp(x) * slope / (2 * bend)) if misfit < ROUGH else None
 
 
 def blocks_prefer(view: View, one: LightWindow, other: LightWindow, *, least: float) -> bool:
