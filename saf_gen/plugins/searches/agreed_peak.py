@@ -98,18 +98,18 @@ class AgreedPeak:
             fell = all(curve.has_fallen(*least) for curve, least in zip(curves, FALLEN, strict=True))
             fallen = fallen + 1 if fell else 0
             if fallen > max(2, window.steps) and all(curve.is_peak(RISEN) for curve in curves):
-                chosen = self._choose(view, curves, scores, windows)
-                if blocks_prefer(view, windows[curves[chosen].smoothed.argmax()], window, least=0.25):
+                chosen = self._choose(view, curves, scores=scores, windows=windows)
+                if blocks_prefer(view, windows[curves[chosen].smoothed.argmax()], over=window, least=0.25):
                     break
         note = f"stopped after {view.now} of {view.frames} frames"
         if len(windows) < FEWEST:
             return Answer(None, tuple(trace), "too dark")
-        chosen = self._choose(view, curves, scores, windows)
+        chosen = self._choose(view, curves, scores=scores, windows=windows)
         x, y = curves[chosen].frames, curves[chosen].smoothed
         k, spread = int(y.argmax()), scatter([score[chosen] for score in scores], windows)
         fall = min(y[k] - y[: k + 1].min(), y[k] - y[k:].min())
         if not fall > max(self.fall * np.ptp(y), self.stand_out * spread):
-            found = bell_top(x, np.array(scores)[:, chosen], np.array([window.light for window in windows]))
+            found = bell_top(x, np.array(scores)[:, chosen], light=np.array([window.light for window in windows]))
             if found is not None and 0 <= found < view.frames:
                 return Answer(found, tuple(trace), f"{note}, at an end of it")
             return Answer(None, tuple(trace), f"{note}: no focus in it, the curve has no peak that stands out")
@@ -117,7 +117,7 @@ class AgreedPeak:
         return Answer(frame, tuple(trace), f"{note}, by {WITNESS}" if chosen else note)
 
     def _choose(
-        self, view: View, curves: list[ScoreCurve], scores: list[tuple[float, float]], windows: list[LightWindow]
+        self, view: View, curves: list[ScoreCurve], *, scores: list[tuple[float, float]], windows: list[LightWindow]
     ) -> int:
         """Return 1 if the peak of the second curve is to be believed and the first one is elsewhere, otherwise 0."""
         first, second = (curve.best() for curve in curves)
@@ -128,8 +128,8 @@ class AgreedPeak:
         middle, spread = float(np.median(y[alike])), scatter([score[1] for score in scores], windows)
         if y.max() <= self.clear * max(middle, 0.0) or y.max() - middle <= self.clear * spread:
             return 0
-        peaks = (windows[curve.smoothed.argmax()] for curve in curves[::-1])
-        return int(blocks_prefer(view, *peaks, least=1.0))
+        blind, witness = (windows[curve.smoothed.argmax()] for curve in curves)
+        return int(blocks_prefer(view, witness, over=blind, least=1.0))
 
 
 def scatter(scores: list[float], windows: list[LightWindow]) -> float:
@@ -163,7 +163,7 @@ def skew_top(x: np.ndarray, y: np.ndarray, *, above: float) -> float:
     return float(fine[shape((fine - x[k]) / scale).argmax()])
 
 
-def bell_top(x: np.ndarray, y: np.ndarray, light: np.ndarray) -> float | None:
+def bell_top(x: np.ndarray, y: np.ndarray, *, light: np.ndarray) -> float | None:
     """Return the top of the bell through scores y at x, as ``peak_fit`` does, or None if they do not form one.
 
     ``light`` holds the spikes per pixel of the windows; all are (n,), and x is in order.
@@ -177,21 +177,21 @@ def bell_top(x: np.ndarray, y: np.ndarray, light: np.ndarray) -> float | None:
         return None
     t, weights = (x - x.mean()) / np.ptp(x), y * y * np.sqrt(light / light.max())
     shape = np.polynomial.Polynomial.fit(t, 1 / y, 2, w=weights, domain=[-1, 1])
-    level, slope, bend = shape.coef
+    level, slope, bend = (float(c) for c in shape.coef)
     if bend <= 0 or level <= slope * slope / (4 * bend):
         return None  # 1/y is not a parabola with a minimum above zero
     misfit = np.sqrt(np.average((shape(t) * y - 1) ** 2, weights=weights) * len(x) / (len(x) - 3))
     return float(x.mean() - np.ptp(x) * slope / (2 * bend)) if misfit < ROUGH else None
 
 
-def blocks_prefer(view: View, one: LightWindow, other: LightWindow, *, least: float) -> bool:
-    """Return whether most blocks of the picture that differ clearly are sharper in window ``one`` than in ``other``.
+def blocks_prefer(view: View, one: LightWindow, *, over: LightWindow, least: float) -> bool:
+    """Return whether most blocks of the picture that differ clearly are sharper in window ``one`` than in ``over``.
 
     They must be twice as many as those that are less sharp, and at least the fraction ``least`` of all blocks.
     Sharpness is the mean squared difference of neighbours over squared brightness. A clear difference is one of three
     standard errors, as if all of it were white noise.
     """
-    (here, size), (there, _) = (block_gradients(view.counts(w.first, w.stop)) for w in (one, other))
+    (here, size), (there, _) = (block_gradients(view.counts(w.first, w.stop)) for w in (one, over))
     gain = (here - there) / (3 * np.sqrt(2 / size) * (here + there) / 2 + 1e-300)
     return bool(np.sum(gain > 1) >= max(2 * np.sum(gain < -1), least * BLOCKS**2))
 
