@@ -155,5 +155,5 @@ class Halves:
 @pytest.mark.parametrize(("left", "passed"), [(16, False), (48, True), (64, True)])
 def test_blocks_vote_whether_the_target_has_passed(left, passed):
     windows = [LightWindow(0, 10, 6.0, 1), LightWindow(20, 30, 6.0, 1)]
-    assert blocks_prefer(Halves(left), *windows, least=0.25) is passed
-    assert blocks_prefer(Halves(left), *windows, least=1.0) is (left == 64)
+    assert blocks_prefer(Halves(left), windows[0], over=windows[1], least=0.25) is passed
+    assert blocks_prefer(Halves(left), windows[0], over=windows[1], least=1.0) is (left == 64)

@@ -87,7 +87,7 @@ def focal_blocks(number=30, focus=14.0, *, seed="sharp"):
 
 def test_events_by_hand():
     """ln(1.5/0.5) = 1.0986 are five steps of 0.2; ln(20.5/19.5) = 0.05 is none; ln(0.5/4.5) = −2.197 are ten down."""
-    assert count_events(np.array([[0, 19, 4]]), np.array([[1, 20, 0]]), 0.2).tolist() == [[5, 0, -10]]
+    assert count_events(np.array([[0, 19, 4]]), np.array([[1, 20, 0]]), contrast=0.2).tolist() == [[5, 0, -10]]
 
 
 def test_the_product_by_hand():
@@ -106,7 +106,7 @@ def test_the_product_by_hand():
 def test_events_and_product_equal_their_slow_twins():
     random = make_generator("test_event_searches", "twins")
     before, after, picture = random.integers(0, 40, (3, 9, 13))
-    events = count_events(before, after, 0.2)
+    events = count_events(before, after, contrast=0.2)
     assert events.tolist() == events_by_pixel(before, after, 0.2)
     assert laplacian_product(picture, events) == pytest.approx(product_by_pixel(picture, events), rel=1e-12)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def count_events(before: np.ndarray, after: np.ndarray, contrast: float) -> np.ndarray:
+def count_events(before: np.ndarray, after: np.ndarray, *, contrast: float) -> np.ndarray:
     """Return the events of each pixel between two windows of equal length: above 0 if it became brighter.
 
     An event camera sends an event each time log intensity has changed by the threshold ``contrast``. A spike camera

@@ -9,7 +9,6 @@ from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._light_windows import LightWindow, equal_light_windows
 from saf_gen.plugins.searches._score_curve import ScoreCurve
 from saf_gen.plugins.searches._windows import check_frame_count, check_numbers
-from saf_gen.plugins.searches.peak_fit import fit_bell
 
 WITNESS = "split_gradient"
 SHORTEST = 4
@@ -25,7 +24,7 @@ RISEN = 0.05
 ALIKE = 1.5
 """Ratio of light up to which windows have about the same fixed pattern."""
 BELL_ABOVE, ROUGH = 0.4, 0.1
-"""Options ``above`` and ``rough`` of peak_fit, for a focus so near an end of the sweep that one side is missing."""
+"""Options ``above`` and ``rough`` of peak_fit, whose bell is fitted if one side of the peak is missing."""
 BLOCKS = 4
 """Blocks of a picture along each axis that vote."""
 
@@ -99,28 +98,26 @@ class AgreedPeak:
             fell = all(curve.has_fallen(*least) for curve, least in zip(curves, FALLEN, strict=True))
             fallen = fallen + 1 if fell else 0
             if fallen > max(2, window.steps) and all(curve.is_peak(RISEN) for curve in curves):
-                chosen = self._choose(view, curves, scores, windows)
-                if blocks_prefer(view, windows[curves[chosen].smoothed.argmax()], window, least=0.25):
+                chosen = self._choose(view, curves, scores=scores, windows=windows)
+                if blocks_prefer(view, windows[curves[chosen].smoothed.argmax()], over=window, least=0.25):
                     break
         note = f"stopped after {view.now} of {view.frames} frames"
         if len(windows) < FEWEST:
             return Answer(None, tuple(trace), "too dark")
-        chosen = self._choose(view, curves, scores, windows)
+        chosen = self._choose(view, curves, scores=scores, windows=windows)
         x, y = curves[chosen].frames, curves[chosen].smoothed
         k, spread = int(y.argmax()), scatter([score[chosen] for score in scores], windows)
         fall = min(y[k] - y[: k + 1].min(), y[k] - y[k:].min())
         if not fall > max(self.fall * np.ptp(y), self.stand_out * spread):
-            bell = fit_bell(
-                x, np.array(scores)[:, chosen], light=np.array([w.light for w in windows]), above=BELL_ABOVE
-            )
-            if bell and bell.misfit < ROUGH and 0 <= bell.focus < view.frames:
-                return Answer(bell.focus, tuple(trace), f"{note}, at an end of it")
+            found = bell_top(x, np.array(scores)[:, chosen], light=np.array([window.light for window in windows]))
+            if found is not None and 0 <= found < view.frames:
+                return Answer(found, tuple(trace), f"{note}, at an end of it")
             return Answer(None, tuple(trace), f"{note}: no focus in it, the curve has no peak that stands out")
         frame = skew_top(x, y, above=self.above)
         return Answer(frame, tuple(trace), f"{note}, by {WITNESS}" if chosen else note)
 
     def _choose(
-        self, view: View, curves: list[ScoreCurve], scores: list[tuple[float, float]], windows: list[LightWindow]
+        self, view: View, curves: list[ScoreCurve], *, scores: list[tuple[float, float]], windows: list[LightWindow]
     ) -> int:
         """Return 1 if the peak of the second curve is to be believed and the first one is elsewhere, otherwise 0."""
         first, second = (curve.best() for curve in curves)
@@ -131,8 +128,8 @@ class AgreedPeak:
         middle, spread = float(np.median(y[alike])), scatter([score[1] for score in scores], windows)
         if y.max() <= self.clear * max(middle, 0.0) or y.max() - middle <= self.clear * spread:
             return 0
-        peaks = (windows[curve.smoothed.argmax()] for curve in curves[::-1])
-        return int(blocks_prefer(view, *peaks, least=1.0))
+        blind, witness = (windows[curve.smoothed.argmax()] for curve in curves)
+        return int(blocks_prefer(view, witness, over=blind, least=1.0))
 
 
 def scatter(scores: list[float], windows: list[LightWindow]) -> float:
@@ -166,14 +163,35 @@ def skew_top(x: np.ndarray, y: np.ndarray, *, above: float) -> float:
     return float(fine[shape((fine - x[k]) / scale).argmax()])
 
 
-def blocks_prefer(view: View, one: LightWindow, other: LightWindow, *, least: float) -> bool:
-    """Return whether most blocks of the picture that differ clearly are sharper in window ``one`` than in ``other``.
+def bell_top(x: np.ndarray, y: np.ndarray, *, light: np.ndarray) -> float | None:
+    """Return the top of the bell through scores y at x, as ``peak_fit`` does, or None if they do not form one.
+
+    ``light`` holds the spikes per pixel of the windows; all are (n,), and x is in order.
+    """
+    k = int(y.argmax())
+    low = np.flatnonzero(y <= BELL_ABOVE * y[k])
+    place = np.searchsorted(low, k)
+    part = slice(low[place - 1] + 1 if place else 0, low[place] if place < len(low) else len(y))
+    x, y, light = x[part], y[part], light[part]
+    if len(x) < FEWEST or y.min() <= 0:
+        return None
+    t, weights = (x - x.mean()) / np.ptp(x), y * y * np.sqrt(light / light.max())
+    shape = np.polynomial.Polynomial.fit(t, 1 / y, 2, w=weights, domain=[-1, 1])
+    level, slope, bend = (float(c) for c in shape.coef)
+    if bend <= 0 or level <= slope * slope / (4 * bend):
+        return None  # 1/y is not a parabola with a minimum above zero
+    misfit = np.sqrt(np.average((shape(t) * y - 1) ** 2, weights=weights) * len(x) / (len(x) - 3))
+    return float(x.mean() - np.ptp(x) * slope / (2 * bend)) if misfit < ROUGH else None
+
+
+def blocks_prefer(view: View, one: LightWindow, *, over: LightWindow, least: float) -> bool:
+    """Return whether most blocks of the picture that differ clearly are sharper in window ``one`` than in ``over``.
 
     They must be twice as many as those that are less sharp, and at least the fraction ``least`` of all blocks.
     Sharpness is the mean squared difference of neighbours over squared brightness. A clear difference is one of three
     standard errors, as if all of it were white noise.
     """
-    (here, size), (there, _) = (block_gradients(view.counts(w.first, w.stop)) for w in (one, other))
+    (here, size), (there, _) = (block_gradients(view.counts(w.first, w.stop)) for w in (one, over))
     gain = (here - there) / (3 * np.sqrt(2 / size) * (here + there) / 2 + 1e-300)
     return bool(np.sum(gain > 1) >= max(2 * np.sum(gain < -1), least * BLOCKS**2))
 

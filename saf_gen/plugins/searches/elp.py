@@ -76,7 +76,7 @@ class Elp:
         for first in range(self.picture, view.frames - 2 * self.window + 1, self.window):
             middle, stop = first + self.window, first + 2 * self.window
             picture = view.counts(first - self.picture, first)
-            events = count_events(view.counts(first, middle), view.counts(middle, stop), self.contrast)
+            events = count_events(view.counts(first, middle), view.counts(middle, stop), contrast=self.contrast)
             if not events.any():
                 continue
             raw.append(laplacian_product(picture, events))

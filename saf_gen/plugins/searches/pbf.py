@@ -55,7 +55,7 @@ class Pbf:
         check_windows_fit(view, "window", frames=self.window)
         firsts = range(0, view.frames - self.window + 1, self.window)
         blocks = (view.counts(first, first + self.window) for first in firsts)
-        events = (count_events(before, after, self.contrast) for before, after in pairwise(blocks))
+        events = (count_events(before, after, contrast=self.contrast) for before, after in pairwise(blocks))
         rates = np.array([(np.maximum(e, 0).mean(), np.maximum(-e, 0).mean()) for e in events]).reshape(-1, 2).T
         if not rates.any(axis=1).all():
             return Answer(None, (), "no events of both polarities")
