@@ -53,7 +53,7 @@ $(KERNELS): $(STAMP) $(wildcard saf_gen/render/*.py saf_gen/camera/*.py saf_gen/
 	@touch $@
 
 compiled-tests: lint
-	@$(BIN)/pytest --collect-only -n 0 >/dev/null
+	@said=$$($(BIN)/pytest --collect-only -q -n 0 2>&1) || { echo "$$said" | tail -30; exit 1; }
 
 # The encoder's kernels follow the linters, which take less time than the renderer's kernels.
 $(ENCODER): $(STAMP) $(wildcard saf_gen/camera/*.py) | compiled-tests

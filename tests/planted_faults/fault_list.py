@@ -344,8 +344,8 @@ FAULTS = {
         "Light is drawn by bands in the reverse order, so that each wavelength lands where another belongs.",
         (Change("optics.lens_colour", "interp(nm, known, order == band)", "interp(nm, known, order[::-1] == band)"),),
         (
-            "stack/test_bands.py::test_light_is_drawn_by_the_two_bands_next_to_it_in_linear_shares",
-            "stack/test_bands.py::test_few_bands_draw_what_an_own_sum_of_25_wavelengths_draws",
+            "stack/test_band_mixes.py::test_light_is_drawn_by_the_two_bands_next_to_it_in_linear_shares",
+            "stack/test_band_mixes.py::test_few_bands_draw_what_an_own_sum_of_25_wavelengths_draws",
         ),
     ),
     "axial colour of the other sign": Fault(
