@@ -18,6 +18,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebval2d, chebvander
 
 NODES, WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(8)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(8)[1])
 
@@ -144,17 +145,35 @@ class SeenWavefront:
         moved, turned = self.rays.turn(a, x, image_distance_m=self.image_distance_m)
         return turned[0] + moved[0] / self.depth_m, turned[1] + moved[1] / self.depth_m
 
-    def path(self, a: tuple[Any, Any], x: tuple[Any, Any]) -> Any:
-        """Return W in metres: the integral of ∇W along the line from the centre of the lens."""
-        total: Any = 0.0
-        for node, weight in zip(NODES, WEIGHTS, strict=True):
-            slope = self.slope((node * a[0], node * a[1]), x)
-            total = total + weight * (a[0] * slope[0] + a[1] * slope[1])
-        return total
+    def path(self, a: tuple[Any, Any], x: tuple[float, float]) -> np.ndarray:
+        """Return W in metres at points of the lens, for one of the sensor: ∇W along the line from the lens's centre.
+
+        Rays are polynomials in the point of the lens, so W is one, too, and is found once for each point of the sensor.
+        """
+        per_radius = 1 / self.rays.radius_m
+        across, along = np.broadcast_arrays(a[0] * per_radius, a[1] * per_radius)
+        return np.asarray(chebval2d(across, along, _path_series(self, *x)))
 
     def largest_path(self, radius_m: float, height_m: float) -> float:
         """Return the largest |W| in metres, without its tilt, over an aperture and a picture of these radii."""
         return _largest_path(self, radius_m=radius_m, height_m=height_m)
+
+
+@lru_cache(maxsize=1024)
+def _path_series(seen: SeenWavefront, across_m: float, along_m: float) -> np.ndarray:
+    """Return W for a point of the sensor as a Chebyshev series in the point of the lens over R, float64 (n, n).
+
+    It is interpolated at Chebyshev's nodes, which is exact for a polynomial of its degree, 2·order + 2.
+    """
+    degree = 2 * seen.rays.order + 2
+    nodes = chebpts1(degree + 1)
+    grid = np.meshgrid(nodes * seen.rays.radius_m, nodes * seen.rays.radius_m, indexing="ij")
+    total = np.zeros_like(grid[0])
+    for node, weight in zip(NODES, WEIGHTS, strict=True):
+        slope = seen.slope((node * grid[0], node * grid[1]), (across_m, along_m))
+        total += weight * (grid[0] * slope[0] + grid[1] * slope[1])
+    back = np.linalg.inv(chebvander(nodes, degree))
+    return np.asarray(back @ total @ back.T)
 
 
 @lru_cache(maxsize=256)

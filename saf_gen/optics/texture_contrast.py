@@ -286,11 +286,12 @@ def _transfer(
         bent = imaging._replace(wavelength_m=light.wavelength_m)
     if wavefront is None:
         waves = waves[:FREQUENCIES]  # a perfect lens is the same in all directions
+    largest = 2 * np.pi * imaging.image_distance_m * imaging.radius_m * max(np.hypot(*wave) for wave in waves)
+    knots = np.linspace(-largest, largest, COLOUR_KNOTS)  # of the phase for a defocus of 1/m, at any frequency
+    colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
     found = np.empty((len(number), len(waves)), np.complex64)
     for n, (fx, fy) in enumerate(waves):
         by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=bent, height_m=height_m)
-        knots = np.linspace(by_defocus.min(), by_defocus.max(), COLOUR_KNOTS)
-        colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
         each = np.interp(by_defocus, knots, colour.real) + 1j * np.interp(by_defocus, knots, colour.imag)
         each = (each * np.exp(1j * (by_waves + balanced * by_defocus))).astype(np.complex64)
         found[:, n] = np.exp(1j * number * (step * by_defocus).astype(np.float32)) @ each
