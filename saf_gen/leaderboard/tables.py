@@ -17,7 +17,7 @@ from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 from saf_gen.leaderboard.notes import SceneGrain
 from saf_gen.leaderboard.outcomes import FALSE_ABSTENTION_COST, group_by, median_magnitude
 from saf_gen.leaderboard.rank_agreement import RankAgreement
-from saf_gen.leaderboard.ranking import LeaderboardRow
+from saf_gen.leaderboard.ranking import LEAST_TIMED_S, LeaderboardRow
 
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
 """Levels of detail of the columns of a ranking; if space is short, columns of the highest level are left out first."""
@@ -325,7 +325,8 @@ _COST = (
         lambda row: row.over_declared if (row.over_declared or 0) > OVER_DECLARED else None,
         "{:.0f}×".format,
         f"Measured seconds divided by those of the declared operations, at the rate of a reference measure on the same "
-        f"machine, where this is above {OVER_DECLARED:g}.",
+        f"machine: the median over the sequences, where it is above {OVER_DECLARED:g} and a sequence takes at least "
+        f"{LEAST_TIMED_S * 1e3:g} ms.",
         key="over_declared",
         optional=True,
     ),

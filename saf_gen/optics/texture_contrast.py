@@ -277,7 +277,7 @@ def _transfer(
     at a point of the lens is common to all wavelengths, so that colour is one factor for each point.
     """
     step = STEP * imaging.resolved_defocus
-    number = np.arange(steps[0], steps[1] + 1, dtype=np.float32)[:, None]
+    count = steps[1] + 1 - steps[0]
     shifts, weights = np.array(light.shifts), np.array(light.weights)
     balanced = _rays(wavefront, imaging, height_m=height_m).balanced
     waves = _waves(imaging.pitch_m)
@@ -289,12 +289,14 @@ def _transfer(
     largest = 2 * np.pi * imaging.image_distance_m * imaging.radius_m * max(np.hypot(*wave) for wave in waves)
     knots = np.linspace(-largest, largest, COLOUR_KNOTS)  # of the phase for a defocus of 1/m, at any frequency
     colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
-    found = np.empty((len(number), len(waves)), np.complex64)
+    found = np.empty((count, len(waves)), np.complex64)
     for n, (fx, fy) in enumerate(waves):
         by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=bent, height_m=height_m)
         each = np.interp(by_defocus, knots, colour.real) + 1j * np.interp(by_defocus, knots, colour.imag)
-        each = (each * np.exp(1j * (by_waves + balanced * by_defocus))).astype(np.complex64)
-        found[:, n] = np.exp(1j * number * (step * by_defocus).astype(np.float32)) @ each
+        each = each * np.exp(1j * (by_waves + (balanced + steps[0] * step) * by_defocus))
+        turns = np.broadcast_to(np.exp(1j * step * by_defocus), (count, each.size)).copy()
+        turns[0] = each
+        found[:, n] = np.multiply.accumulate(turns).sum(axis=1)  # of one step of the defocus more in each row
     return np.tile(found, FREQUENCIES * DIRECTIONS // len(waves)) / LENS_POINTS
 
 

@@ -93,12 +93,23 @@ def test_a_method_that_declares_nothing_is_told_in_a_line(tmp_path):
     assert "declares no cost of its own: charged 100 operations per pixel" in line
 
 
+TIMES = {"first": 4.0, "second": 0.11, "third": 0.1}
+"""Seconds on three sequences, compiled for the first."""
+
+
 def test_a_method_that_takes_more_than_three_times_what_it_declares_is_flagged():
-    timed = {"operations": 1e6, "reference_rate": 1e9}  # a millisecond
-    records = [record(f"{s}+s", "a", 0.1, seconds=s, **timed) for s in (0.001, 0.0029, 0.0031, 0.1)]
+    seconds, timed = (0.01, 0.029, 0.031, 1.0), {"operations": 1e7, "reference_rate": 1e9}  # ten milliseconds
+    records = [record(f"{s}+s", "a", 0.1, seconds=s, **timed) for s in seconds]
     rows = {row.method: row for row in rank_methods(records)}
     (column,) = (c for c in ranking(list(rows.values())).shown if c.name == "over_declared")
-    assert [column.text(rows[f"{s}+s"]) for s in (0.001, 0.0029, 0.0031, 0.1)] == ["–", "–", "3×", "100×"]
+    assert [column.text(rows[f"{s}+s"]) for s in seconds] == ["–", "–", "3×", "100×"]
+
+
+def test_neither_a_compilation_nor_a_few_calls_of_python_are_flagged():
+    compiled = [record("a+s", name, 0.1, seconds=s, operations=1e8, reference_rate=1e9) for name, s in TIMES.items()]
+    brief = [record("b+s", name, 0.1, seconds=0.015, operations=1e5, reference_rate=1e9) for name in TIMES]
+    rows = {row.method: row.over_declared for row in rank_methods([*compiled, *brief])}
+    assert rows == {"a+s": pytest.approx(1.1), "b+s": None}
 
 
 def test_the_reference_is_measured_on_the_same_region():
