@@ -170,7 +170,7 @@ def run_plan(
 
     @cache
     def choose_backend() -> tuple[str, bool]:
-        if not plan.renders:
+        if isinstance(plan.resolved.recipe, StackRecipe):
             return PICTURES, True
         name, renders_waves = choose_renderer(variant, cluster=machines, notify=tell)
         by_waves = all(spec.estimator == WAVES for stack in plan.by_stack for spec in stack.specs)

@@ -67,14 +67,15 @@ def expand_grid(method: str, values: Choices) -> list[str]:
             hint="try fewer values at a time, or draw some of them with --trials 24",
         )
     specs = [
-        _with_values(halves, region, dict(zip(values, chosen, strict=True))) for chosen in product(*values.values())
+        _with_values(halves, region, chosen=dict(zip(values, chosen, strict=True)))
+        for chosen in product(*values.values())
     ]
     for spec in specs:
         admit_method(spec)
     return specs
 
 
-def draw_trials(method: str, trials: int, values: Choices | None = None) -> list[str]:
+def draw_trials(method: str, trials: int, *, values: Choices | None = None) -> list[str]:
     """Return the names of a method as it is and with ``trials`` − 1 random choices of all its constants.
 
     Random choices find good values of the few constants that matter sooner than a grid [1]_. Each constant is drawn in
@@ -111,24 +112,24 @@ def draw_trials(method: str, trials: int, values: Choices | None = None) -> list
     if not 2 <= trials <= MAX_TRIALS:
         raise BadInput(f"--trials is {trials}", allowed=f"2 to {MAX_TRIALS}")
     halves, region = _split(method, values or {})
-    untuned = _with_values(halves, region, {})
+    untuned = _with_values(halves, region, chosen={})
     stated = _stated_constants(untuned)
     own = {} if f"search.{REJECT}" in stated else {f"search.{REJECT}": ("false", "true")}
     values = {**own, **(values or {})}
     for key, choices in values.items():
         for choice in choices:
             admit_method(
-                _with_values(halves, region, {key: choice})
+                _with_values(halves, region, chosen={key: choice})
             )  # reports a wrong key or value, which no draw does
     drawable = [key for key, value in stated.items() if key not in values and _is_drawn(value)]
     rng = make_generator("tuning", untuned, trials)
     found = {untuned: None}
     for _ in range(trials - 1):
         for _ in range(ATTEMPTS):
-            chosen = {key: _draw(rng, key, stated[key]) for key in drawable}
+            chosen = {key: _draw(rng, key, value=stated[key]) for key in drawable}
             chosen |= {key: choices[int(rng.integers(len(choices)))] for key, choices in values.items()}
             kept = {key: value for key, value in chosen.items() if rng.integers(2)}
-            spec = _with_values(halves, region, kept)
+            spec = _with_values(halves, region, chosen=kept)
             if spec in found:
                 continue
             try:
@@ -160,7 +161,7 @@ def _split(method: str, values: Choices) -> tuple[dict[str, str], str]:
     return halves, region
 
 
-def _with_values(halves: Mapping[str, str], region: str, chosen: Mapping[str, str]) -> str:
+def _with_values(halves: Mapping[str, str], region: str, *, chosen: Mapping[str, str]) -> str:
     """Return the name of the method with options set to the chosen values, which replace earlier ones."""
     spec = dict(halves)
     for key, value in chosen.items():
@@ -197,7 +198,7 @@ def _is_drawn(value: Any) -> bool:
     return isinstance(value, bool) or (isinstance(value, int | float) and value > 0)
 
 
-def _draw(rng: np.random.Generator, key: str, value: Any) -> str:
+def _draw(rng: np.random.Generator, key: str, *, value: Any) -> str:
     if isinstance(value, bool):
         return str(bool(rng.integers(2))).lower()
     if key.partition(".")[2] in FRAMES:

@@ -42,9 +42,9 @@ def tune(
 ) -> tuple[TunedMethod, tuple[LeaderboardRow, ...]]:
     """Find the best constants of a method on a split of a dataset.
 
-    The candidates are ``draw_trials(method, trials, values)``, or ``expand_grid(method, values)`` without a number of
-    trials. The best has the largest ``find_objective`` and, among equals, the smallest median error; among these, the
-    first candidate, which is the method as it is if candidates are drawn.
+    The candidates are those of ``draw_trials``, or of ``expand_grid`` without a number of trials. The best has the
+    largest ``find_objective`` and, among equals, the smallest median error; among these, the first candidate, which is
+    the method as it is if candidates are drawn.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def tune(
         )
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    specs = expand_grid(method, values or {}) if trials is None else draw_trials(method, trials, values)
+    specs = expand_grid(method, values or {}) if trials is None else draw_trials(method, trials, values=values)
     splits = {entry.split for entry in read_manifest(dataset).sequences} - {TEST_SPLIT}
     if not splits:
         raise BadInput(

@@ -152,7 +152,7 @@ class SeenWavefront:
         """
         per_radius = 1 / self.rays.radius_m
         across, along = np.broadcast_arrays(a[0] * per_radius, a[1] * per_radius)
-        return np.asarray(chebval2d(across, along, _path_series(self, *x)))
+        return np.asarray(chebval2d(across, along, _path_series(self, sensor_m=(float(x[0]), float(x[1])))))
 
     def largest_path(self, radius_m: float, height_m: float) -> float:
         """Return the largest |W| in metres, without its tilt, over an aperture and a picture of these radii."""
@@ -160,7 +160,7 @@ class SeenWavefront:
 
 
 @lru_cache(maxsize=1024)
-def _path_series(seen: SeenWavefront, across_m: float, along_m: float) -> np.ndarray:
+def _path_series(seen: SeenWavefront, *, sensor_m: tuple[float, float]) -> np.ndarray:
     """Return W for a point of the sensor as a Chebyshev series in the point of the lens over R, float64 (n, n).
 
     It is interpolated at Chebyshev's nodes, which is exact for a polynomial of its degree, 2·order + 2.
@@ -170,7 +170,7 @@ def _path_series(seen: SeenWavefront, across_m: float, along_m: float) -> np.nda
     grid = np.meshgrid(nodes * seen.rays.radius_m, nodes * seen.rays.radius_m, indexing="ij")
     total = np.zeros_like(grid[0])
     for node, weight in zip(NODES, WEIGHTS, strict=True):
-        slope = seen.slope((node * grid[0], node * grid[1]), (across_m, along_m))
+        slope = seen.slope((node * grid[0], node * grid[1]), sensor_m)
         total += weight * (grid[0] * slope[0] + grid[1] * slope[1])
     back = np.linalg.inv(chebvander(nodes, degree))
     return np.asarray(back @ total @ back.T)

@@ -26,7 +26,7 @@ from saf_gen.stream.dataset import verify_dataset
 
 RECIPES = sorted(path.stem for path in Path("recipes").glob("*.yaml"))
 COUNTS = [1, 3, 8, 16, 32]
-BEYOND = {("learned", 16): 1.26, ("saf_live", 32): 1.21}
+BEYOND = {("learned", 16): 1.32, ("saf_live", 32): 1.3}
 """Largest shards, as multiples of the mean, where pieces are too few: 19 stacks, and 238 slices of 8 s each."""
 
 
@@ -55,7 +55,8 @@ def test_every_piece_of_a_shipped_recipe_is_in_one_shard_and_none_is_much_too_la
     dearest = dearest_piece(work)
     bound = BEYOND.get((name, count), 1.2)
     assert max(share.seconds for share in shares) <= max(bound * shares[0].all_seconds / count, dearest * 1.0001)
-    assert sum(share.seconds for share in shares) <= 1.16 * shares[0].all_seconds, "cuts cost little"
+    most = 1.24 if name == "saf_live" else 1.16  # whose slices are cheap beside loading their scenes
+    assert sum(share.seconds for share in shares) <= most * shares[0].all_seconds, "cuts cost little"
 
 
 def dearest_piece(work):
@@ -201,11 +202,12 @@ def keep_only(folder, work, specs):
 
 
 @pytest.fixture
-def cut(moving):
-    """The number of one of eight shards that has some slices of a stack that is recorded from."""
+def cut(made, moving):
+    """The number of one of eight shards that has some slices of a stack that is recorded from, not all with grain."""
     shares = share_out(moving, 8)
     stack = next(s.time_stack for s in moving.sequences if s.time_stack.is_moving)
-    return next(n for n, share in enumerate(shares, start=1) if len(share.specs & set(stack.specs)) > 1)
+    some = [n for n, share in enumerate(shares, start=1) if len(share.specs & set(stack.specs)) > 1]
+    return next(n for n in some if grain_of(made, moving) - shares[n - 1].specs)
 
 
 @pytest.fixture

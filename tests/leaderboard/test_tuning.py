@@ -64,10 +64,10 @@ DRAWS = {
 
 @pytest.mark.parametrize(("method", "values"), DRAWS.items())
 def test_every_method_has_the_same_number_of_distinct_draws_the_first_as_it_is(method, values):
-    found = draw_trials(method, 24, values)
+    found = draw_trials(method, 24, values=values)
     assert found[0] == method
     assert len(set(found)) == 24
-    assert found == draw_trials(method, 24, values)
+    assert found == draw_trials(method, 24, values=values)
     assert all(parse_method(one).region == parse_method(method).region for one in found)
 
 
@@ -82,14 +82,14 @@ def test_draws_stay_in_their_ranges_and_leave_texts_alone():
 
 
 def test_named_values_are_drawn_too():
-    found = draw_trials("sd+argmax", 60, {"search.refine": ["parabola", "centroid"]})
+    found = draw_trials("sd+argmax", 60, values={"search.refine": ["parabola", "centroid"]})
     refined = [parse_method(one).search_options["refine"] for one in found]
     assert refined[0] == "no"
     assert min(refined.count(kind) for kind in ("no", "parabola", "centroid")) > 5
 
 
 def test_a_method_with_few_choices_has_fewer_trials():
-    found = draw_trials("sd+egs_code", 24, {"search.ratio": ["0.618"], "search.threshold": ["10", "5"]})
+    found = draw_trials("sd+egs_code", 24, values={"search.ratio": ["0.618"], "search.threshold": ["10", "5"]})
     assert 2 < len(found) < 24
 
 
@@ -105,7 +105,7 @@ def test_a_method_with_few_choices_has_fewer_trials():
     ],
 )
 def test_draws_that_cannot_be_made_are_refused(method, trials, values, field, fragment):
-    assert fragment in getattr(refusal(draw_trials, method, trials, values), field)
+    assert fragment in getattr(refusal(draw_trials, method, trials, values=values), field)
 
 
 def test_the_objective_counts_answers_where_there_is_none_against_the_method(dataset):

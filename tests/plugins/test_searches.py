@@ -359,7 +359,7 @@ FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel
         ("egs", {"threshold": 0}, "threshold is 0", "at least 1"),
         ("egs_code", {"threshold": "ten"}, "search 'egs_code'", "a number"),
         ("egs_code", {"ratio": 1.0}, "ratio is 1.0", "0.5 up to but not 1"),
-        ("egs_code", {"dt": 5}, "'dt'", "ratio, threshold"),
+        ("egs_code", {"dt": 5}, "'dt'", "ratio, reject, threshold"),
         ("sgfs_code", {"dt": -5}, "dt is -5", FRAMES),
         ("sgfs_causal", {"falls": 0}, "falls is 0", FRAMES),
         ("sgfs_printed", {"turned": 1}, "turned is 1", "true, false"),

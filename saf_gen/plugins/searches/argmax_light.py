@@ -63,9 +63,9 @@ class ArgmaxLight:
         scores = np.array([view.score(window.first, window.stop) for window in windows])
         centres = np.array([(window.first + window.stop - 1) / 2 for window in windows])
         best = int(scores.argmax())
-        return Answer(self._refine(centres, scores, best), (float(centres[best]),))
+        return Answer(self._refine(centres, scores, best=best), (float(centres[best]),))
 
-    def _refine(self, centres: np.ndarray, scores: np.ndarray, best: int) -> float:
+    def _refine(self, centres: np.ndarray, scores: np.ndarray, *, best: int) -> float:
         """Return the frame of the maximum of a curve of n scores at ``centres`` (n,), whose largest is ``best``."""
         level = scores[best] - self.near * np.ptp(scores)
         low = np.flatnonzero(scores < level)
