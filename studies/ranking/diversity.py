@@ -1,10 +1,10 @@
 """Whether the members of a grammar of scenes are as diverse as scenes made by hand, by features that know no method.
 
-    python -m studies.ranking.diversity --out FOLDER [--recipe NAME] [--members N] [--sheet N]
+    python -m studies.ranking.diversity --out FOLDER [--recipe NAME] [--dataset FOLDER] [--members N] [--sheet N]
 
 Each member of the recipe's grammar, and each scene of the test split of ``--beside``, is rendered at rest with few
-samples; what is measured is kept in FOLDER, and a run that is stopped goes on there. The features, in the box around
-the target and without noise of the sensor:
+samples, unless the focal stack of a generated dataset shows it; what is measured is kept in FOLDER, and a run that is
+stopped goes on there. The features, in the box around the target and without noise of the sensor:
 
 - ``slope``: exponent of the power spectrum at best focus, from 0.03 to 0.35 cycles a pixel (power ~ frequency^slope);
 - ``contrast``: SD divided by mean at best focus;
@@ -28,6 +28,7 @@ import numpy as np
 from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.core.region import bounding_box
 from saf_gen.generate.resolve import ResolvedSequence, resolve_recipe
+from saf_gen.stack.focal_stack import FocalStack, StackStore
 
 FEATURES = ("slope", "contrast", "depth", "counts", "peak")
 WINDOW = 100  # readouts
@@ -46,28 +47,40 @@ class Row:
     picture: np.ndarray
 
 
-def measure(sequence: ResolvedSequence) -> Row:
-    """Return the features of the scene of a sequence, at rest, with all its lamps on."""
+def measure(sequence: ResolvedSequence, stacks: Path | None = None) -> Row:
+    """Return the features of the scene of a sequence, at rest, with all its lamps on.
+
+    The scene is rendered, unless ``stacks``, the folder of a dataset's stacks, holds it.
+    """
     begun = _cpu_s()
-    subject = SceneUnderTest(sequence.scene, sequence.sensor)
-    seen, focus = subject.depth_and_target, subject.true_focus
-    stack = subject.renderer.render_stack(seen, positions=POSITIONS, samples=SAMPLES, as_one_group=True)
-    box = bounding_box(seen.target)
-    pictures = stack.radiance[0].astype(np.float64)
+    stack = _find_stack(sequence, stacks)
+    criterion, depth, target = stack.spec.in_focus, stack.depth, stack.target
+    focus = criterion.true_focus(depth, target)
+    box = bounding_box(target)
+    pictures = stack.radiance.sum(axis=0, dtype=np.float64)
     inside = pictures[(slice(None), *box)]
     squared = inside.var(axis=(1, 2)) / inside.mean(axis=(1, 2)) ** 2
     at = int(np.abs(stack.spec.focus - focus).argmin())
-    low, high = subject.depth_of_focus
-    ends = subject.drive.best_position(np.percentile(subject.target_depths_m, MIDDLE))
+    low, high = criterion.depth_of_focus(depth, target)
+    ends = stack.spec.drive.best_position(np.percentile(depth[target], MIDDLE))
     rate = sequence.planned.mean_rate or np.nan
     features = {
         "slope": spectral_slope(inside[at]),
         "contrast": float(np.sqrt(squared[at])),
         "depth": float(abs(ends[1] - ends[0]) / ((high - low) / 2)),
-        "counts": float(WINDOW * rate * inside[at].mean() / pictures[at][seen.target].mean()),
+        "counts": float(WINDOW * rate * inside[at].mean() / pictures[at][target].mean()),
         "peak": float(squared.max() / squared.min()),
     }
     return Row(sequence.planned.id, features, _cpu_s() - begun, pictures[at].astype(np.float32))
+
+
+def _find_stack(sequence: ResolvedSequence, stacks: Path | None) -> FocalStack:
+    """Return the stack of a sequence of a still scene: that of a dataset, or one with few samples and positions."""
+    if stacks is not None and (stored := StackStore(stacks, sequence.time_stack.specs[0])).has_all_pictures():
+        return stored.load().without_margin()
+    subject = SceneUnderTest(sequence.scene, sequence.sensor)
+    seen = subject.depth_and_target
+    return subject.renderer.render_stack(seen, positions=POSITIONS, samples=SAMPLES, as_one_group=True)
 
 
 def spectral_slope(picture: np.ndarray) -> float:
@@ -96,14 +109,14 @@ def one_each(sequences: Sequence[ResolvedSequence]) -> Iterator[ResolvedSequence
             yield one
 
 
-def measure_all(sequences: Sequence[ResolvedSequence], kept: Path) -> list[Row]:
+def measure_all(sequences: Sequence[ResolvedSequence], kept: Path, *, stacks: Path | None = None) -> list[Row]:
     """Return the rows of all scenes; those that ``kept`` holds are read."""
     kept.mkdir(parents=True, exist_ok=True)
     rows = []
     for one in sequences:
         file = kept / f"{one.planned.split}-{one.planned.id}.npz"
         if not file.exists():
-            row = measure(one)
+            row = measure(one, stacks)
             np.savez_compressed(file, picture=row.picture, cpu_s=row.cpu_s, **row.features)
             print(one.planned.id, {k: round(v, 3) for k, v in row.features.items()}, f"{row.cpu_s:.1f} s", flush=True)
         with np.load(file) as held:
@@ -162,13 +175,15 @@ def main(given: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--recipe", default="saf_bench-v3")
     parser.add_argument("--beside", default="saf_bench-v3_stress")
+    parser.add_argument("--dataset", type=Path, help="folder of the recipe's dataset, whose focal stacks are read")
     parser.add_argument("--members", type=int, help="measure only so many members, evenly over the splits")
     parser.add_argument("--sheet", type=int, default=60)
     asked = parser.parse_args(given)
     scenes = measure_all(list(one_each(resolve_recipe(asked.beside, split="test").sequences)), asked.out / "scenes")
     found = list(one_each(resolve_recipe(asked.recipe).sequences))
     chosen = found[:: max(len(found) // (asked.members or len(found)), 1)]
-    members = measure_all(chosen, asked.out / "members")
+    stacks = asked.dataset / "stacks" if asked.dataset else None
+    members = measure_all(chosen, asked.out / "members", stacks=stacks)
     text = report(members, scenes)
     (asked.out / "report.md").write_text(text + "\n", encoding="utf-8")
     with (asked.out / "features.csv").open("w", newline="", encoding="utf-8") as file:

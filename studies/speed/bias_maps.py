@@ -59,6 +59,8 @@ CASES = (
     Case("bookshelf", 0.0, (150, 220)),
     Case("speculars", 0.0, (230, 180)),
     Case("bottle", 0.0, (210, 150), plain_depth=32),
+    Case("snowfall", 0.0, (170, 164)),
+    Case("turntable", 0.0, (170, 164)),
 )
 
 

@@ -3,8 +3,9 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from planted_sweeps import list_streams, write_sweep
+from planted_sweeps import SHAPE, list_streams, make_spikes, write_sweep
 from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
@@ -13,6 +14,8 @@ from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.leaderboard.trials import MAX_TRIALS, draw_trials, expand_grid
 from saf_gen.leaderboard.tuning import find_objective, tune
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_writer import write_stream
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +132,19 @@ def test_drawn_trials_are_published_with_what_was_maximised(dataset):
     assert "sd+argmax" in [trial.method for trial in tuned.trials]
     objectives = [trial.objective for trial in tuned.trials]
     assert objectives == sorted(objectives, reverse=True)
+
+
+def test_the_right_to_abstain_is_chosen_where_some_sweeps_have_no_answer(tmp_path):
+    """Two of three sweeps end at 0.4 of the travel, before a focus at 0.75."""
+    write_sweep(tmp_path / "train" / "in.h5", 300.0)
+    lens, far = np.linspace(0, 0.4, SHAPE[0], dtype=np.float32), Truth(position=0.75, depth_of_focus=(0.7, 0.8))
+    for name in ("early", "late"):
+        write_stream(tmp_path / "train" / f"{name}.h5", make_spikes(1500.0), focus_position=lens, truth=far)
+    names = ("in", "early", "late")
+    dataset = list_streams(tmp_path, *({"id": name, "split": "train", "scene": name} for name in names))
+    tuned, _ = tune(dataset, "sd+argmax", values={"search.reject": ["false", "true"], "search.window": ["100"]})
+    assert tuned.method == "sd+argmax:reject=true,window=100"
+    assert [trial.objective for trial in tuned.trials] == pytest.approx([1 / 3, -1 / 3])
 
 
 def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):

@@ -617,6 +617,52 @@ FAULTS = {
             "stack/test_noise_free.py::test_in_a_moving_scene_the_peak_of_sd_is_off_the_moving_truth",
         ),
     ),
+    "abstaining ranks": Fault(
+        "Silence where there is no answer counts as success, as it did in the second edition of the benchmark.",
+        (
+            Change(
+                "leaderboard.outcomes",
+                'record.status == "answered" and getattr(record, success) is True) if record.answerable else None',
+                "getattr(record, success) is True) if record.answerable is not None else None",
+            ),
+        ),
+        (
+            "leaderboard/test_leaderboard.py::test_a_method_that_only_abstains_better_has_the_same_rank",
+            "leaderboard/test_leaderboard.py::test_where_no_sequence_has_an_answer_nobody_ranks",
+        ),
+    ),
+    "nothing is rejected": Fault(
+        "A search that may abstain answers where its sweep never comes near the focus.",
+        (Change("plugins.searches._reject", 'return found.note if found.frame is None else ""', 'return ""'),),
+        (
+            "plugins/test_reject.py::test_a_sweep_that_ends_far_from_the_focus_has_no_answer",
+            "plugins/test_reject.py::test_nobody_abstains_where_peak_fit_answers",
+        ),
+    ),
+    "computing takes no time": Fault(
+        "The clock of the closed loop stands still while a method computes.",
+        (Change("benchmark.view.running_camera", "readout_hz / operations_per_s if operations_per_s", "0.0 if True"),),
+        (
+            "benchmark/test_operations.py::test_the_clock_advances_by_the_operations_at_the_stated_rate",
+            "benchmark/test_operations.py::test_the_camera_runs_on_until_what_was_computed_is_done",
+        ),
+    ),
+    "false answers are free": Fault(
+        "Tuning does not count answers where there is none, so that it chooses methods that never abstain.",
+        (Change("leaderboard.tuning", "else -float(is_answered)", "else 0.0"),),
+        (
+            "leaderboard/test_tuning.py::test_the_objective_counts_answers_where_there_is_none_against_the_method",
+            "leaderboard/test_tuning.py::test_the_right_to_abstain_is_chosen_where_some_sweeps_have_no_answer",
+        ),
+    ),
+    "sharpness lost twice": Fault(
+        "The sharpness that an answer loses is that of the squared curve.",
+        (Change("stream.optima", "1 - here / best", "1 - (here / best) ** 2"),),
+        (
+            "benchmark/test_beside_truth.py::test_the_sharpness_lost_at_an_answer_is_that_of_the_curve_without_noise",
+            "benchmark/test_beside_truth.py::test_a_record_states_the_sharpness_lost_where_it_is_known",
+        ),
+    ),
 }
 
 
