@@ -1,6 +1,7 @@
 """The commands ``generate``, ``dataset merge``, ``verify``, ``pack`` and ``fetch``."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from saf_gen.generate.plan import Plan
     from saf_gen.generate.shards import Share
 
-
+MOST_NAMED = 24
+"""Number of stacks that a dry run names; its table has all sequences."""
 Workers = Annotated[int, typer.Option(min=1, max=256, help="Number of sequences to record at the same time.")]
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 KeepSlices = Annotated[
@@ -202,7 +204,7 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
         if plan.by_cut_stack:
             cut = sum(map(len, plan.by_cut_stack.values()))
             out.print(f"{cut} sequences are recorded by the shard that sees all their slices, or by the closing run")
-    out.print(f"focal stacks to render: {'; '.join(plan.labels) or 'none, all exist'}")
+    out.print(f"focal stacks to render: {_name_some(plan.labels) or 'none, all exist'}")
     if plan.kept_bytes("all"):
         listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)
         out.print(f"time slices kept at the end: {listed}; chosen: --keep-slices {plan.keep_slices}")
@@ -215,6 +217,12 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     )
     who = "two cores with LLVM" if machines == 1 else f"{machines} machines of two cores with LLVM"
     out.print(f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}")
+
+
+def _name_some(labels: Sequence[str]) -> str:
+    """Return a list of names as text; of a long one the first, and how many more there are."""
+    shown = labels if len(labels) <= MOST_NAMED + 1 else labels[:MOST_NAMED]
+    return "; ".join([*shown, *([f"and {len(labels) - MOST_NAMED} more"] if len(shown) < len(labels) else [])])
 
 
 def _time(seconds: float) -> str:

@@ -23,6 +23,7 @@ import saf_gen
 from saf_gen.benchmark.admission import read_methods
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS
 from saf_gen.cli import _terminal, app, main
+from saf_gen.cli.dataset_commands import _name_some
 from saf_gen.core.files import atomic_file
 from saf_gen.render import backend
 from saf_gen.stream.manifest import read_manifest, write_manifest
@@ -123,6 +124,11 @@ def test_a_dry_run_reports_what_would_be_made_and_writes_nothing(call, small_rec
     assert "shard 2/3 has nothing to make" in out
     assert "focal stacks to render: none" in out
     assert not (tmp_path / "ds").exists()
+
+
+@pytest.mark.parametrize(("count", "end"), [(1, "s0"), (25, "s24"), (26, "s23; and 2 more"), (400, "and 376 more")])
+def test_a_dry_run_names_the_first_of_many_stacks_and_counts_the_rest(count, end):
+    assert _name_some([f"s{n}" for n in range(count)]).endswith(end)
 
 
 def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
