@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from math import hypot
 from typing import Any, NamedTuple, Protocol
 
@@ -15,7 +16,8 @@ from saf_gen.generate.recipe import Recipe
 from saf_gen.optics import AxialColour, FittedLensDrive
 from saf_gen.optics.axial_colour import BAND_NM, stack_margin
 from saf_gen.optics.lens_card import LensFile
-from saf_gen.optics.lens_colour import band_waves, hats, lens_colour, neglected
+from saf_gen.optics.lens_colour import Neglected, band_waves, hats, lens_colour, neglected
+from saf_gen.optics.lens_file.fitted_file import FittedLens
 from saf_gen.plugins.lights import states_spectrum
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.colour import MAX_SCALE_PX, Colour
@@ -199,6 +201,12 @@ def _distinct(sequences: Iterable[Drawn]) -> Iterator[tuple[Drawn, Colour]]:
             yield s, colour
 
 
+@lru_cache(maxsize=256)
+def _neglected(lens: FittedLens, drive: FittedLensDrive, *, electrons: bytes, **what: Any) -> Neglected:
+    """Return what pictures lack, by the float64 electrons at NM; both the check and the remarks of a recipe ask."""
+    return neglected(lens, drive, weights=np.frombuffer(electrons), nm=NM, **what)
+
+
 def _find_lacks(s: Drawn, colour: Colour) -> list[_Lack]:
     """Return what the pictures of each lamp with a spectrum lack, if the lens is read from a file.
 
@@ -222,18 +230,9 @@ def _find_lacks(s: Drawn, colour: Colour) -> list[_Lack]:
                 allowed=f"at most {MAX_BEYOND:.0%} beyond {low:g} to {high:g} nm",
                 hint="give the camera an IR cut with filter: ir_cut, or fit the lens with saf-gen lens fit --waves-nm",
             )
-        lateral, blur = (
-            off / spec.pitch_m
-            for off in neglected(
-                card.lens,
-                spec.drive,
-                colour=colour.axial_colour,
-                weights=weights,
-                nm=NM,
-                height_m=height,
-                bands_nm=colour.bands_nm,
-            )
-        )
+        what = {"colour": colour.axial_colour, "height_m": height, "bands_nm": colour.bands_nm}
+        off_m = _neglected(card.lens, spec.drive, electrons=weights.tobytes(), **what)
+        lateral, blur = (off / spec.pitch_m for off in off_m)
         line = (
             f"{s.planned.scene} under {name!r}: pictures mixed from those of {count} leave out lateral "
             f"colour of up to {lateral:.2g} pixels rms and a blur of {blur:.2g}; {beyond:.1%} of the electrons are "
