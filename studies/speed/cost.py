@@ -18,7 +18,15 @@ from scipy.optimize import nnls
 
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.files import write_text
-from saf_gen.generate.cost import PATHS_PER_SAMPLE, PLANE_S_PER_PIXEL, TABLE, SceneCost, scene_costs
+from saf_gen.generate.cost import (
+    PATHS_PER_SAMPLE,
+    PLANE_S_PER_PIXEL,
+    SLICE_RAY_US,
+    SLICE_S,
+    TABLE,
+    SceneCost,
+    scene_costs,
+)
 from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
 from saf_gen.stack.focal_stack import WAVES, StackSpec
 from saf_gen.stack.time_resolved import SHADING_MOMENTS, slice_moments
@@ -99,10 +107,10 @@ def _render(scene: Scene, specs: Sequence[StackSpec]) -> float:
 
 
 def table_text(costs: dict[str, SceneCost]) -> str:
-    """Return the table as YAML, a line for each scene, without what was not measured."""
-    usual, lines = SceneCost(0, 0, 0), list[str]()
+    """Return the table as YAML, a line for each scene, without slices that were not measured."""
+    unmeasured, lines = {"slice_s": SLICE_S, "slice_ray_us": SLICE_RAY_US}, list[str]()
     for name, cost in sorted(costs.items()):
-        measured = (f"{key}: {value:.3g}" for key, value in vars(cost).items() if value != vars(usual)[key])
+        measured = (f"{key}: {value:.3g}" for key, value in vars(cost).items() if value != unmeasured.get(key))
         lines.append(f"{name}: {{{', '.join(measured)}}}\n")
     return HEAD + "".join(lines)
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from saf_gen.camera import get_sensor
-from saf_gen.generate.cost import grain_seconds, render_seconds, scene_costs, start_seconds
+from saf_gen.generate.cost import SceneCost, grain_seconds, render_seconds, scene_costs, start_seconds
 from saf_gen.scene.scene_folder import find_scene, scene_names
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
@@ -44,3 +44,9 @@ def test_the_table_of_costs_names_scenes_and_is_written_as_it_is_read():
     for name, cost in scene_costs().items():
         line = next(line for line in text.splitlines() if line.startswith(f"{name}:"))
         assert f"ray_us: {cost.ray_us:.3g}" in line
+
+
+def test_the_table_can_be_read_where_a_cost_is_zero_and_slices_were_not_measured():
+    costs = {"a": SceneCost(1.5, 0.0, 3.0, 0.0, 2.0), "b": SceneCost(0.0, 2.0, 0.0)}
+    assert {name: SceneCost(**cost) for name, cost in yaml.safe_load(table_text(costs)).items()} == costs
+    assert "slice" not in table_text(costs).splitlines()[-1]

@@ -26,8 +26,9 @@ from saf_gen.stream.dataset import verify_dataset
 
 RECIPES = sorted(path.stem for path in Path("recipes").glob("*.yaml"))
 COUNTS = [1, 3, 8, 16, 32]
-BEYOND = {("learned", 16): 1.32, ("saf_live", 32): 1.3}
-"""Largest shards, as multiples of the mean, where pieces are too few: 19 stacks, and 238 slices of 8 s each."""
+BEYOND = {("learned", 16): 1.28, ("saf_live", 16): 1.25, ("saf_live", 32): 1.46}
+"""Largest shards, as multiples of the mean, where pieces are too few: 19 stacks, and slices of five scenes whose loading
+costs as much as dozens of them."""
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def test_every_piece_of_a_shipped_recipe_is_in_one_shard_and_none_is_much_too_la
     dearest = dearest_piece(work)
     bound = BEYOND.get((name, count), 1.2)
     assert max(share.seconds for share in shares) <= max(bound * shares[0].all_seconds / count, dearest * 1.0001)
-    most = 1.24 if name == "saf_live" else 1.16  # whose slices are cheap beside loading their scenes
+    most = 1.4 if name == "saf_live" else 1.18  # whose slices are cheap beside loading their scenes
     assert sum(share.seconds for share in shares) <= most * shares[0].all_seconds, "cuts cost little"
 
 
