@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import yaml
+
 from saf_gen.camera import get_sensor
 from saf_gen.generate.cost import SceneCost, grain_seconds, render_seconds, scene_costs, start_seconds
 from saf_gen.scene.scene_folder import find_scene, scene_names
