@@ -27,8 +27,8 @@ from saf_gen.stream.dataset import verify_dataset
 RECIPES = sorted(path.stem for path in Path("recipes").glob("*.yaml"))
 COUNTS = [1, 3, 8, 16, 32]
 BEYOND = {("learned", 16): 1.28, ("saf_live", 16): 1.25, ("saf_live", 32): 1.46}
-"""Largest shards, as multiples of the mean, where pieces are too few: 19 stacks, and slices of scenes whose loading costs
-as much as dozens of them."""
+"""Largest shards, as multiples of the mean, where pieces are too few: 19 stacks, and slices of scenes whose loading
+costs as much as dozens of slices."""
 
 
 @pytest.fixture(scope="module")
