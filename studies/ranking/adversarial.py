@@ -36,6 +36,7 @@ from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
 METHODS = (
+    "vollath_f4_n+block_vote",
     "octave_quotient+agreed_peak",
     "octave_structure+peak_fit",
     "sd_code+egs_code",

@@ -143,7 +143,7 @@ def report(members: Sequence[Row], scenes: Sequence[Row]) -> str:
         lines.append(f"| `{row.name}` | {cells} | {', '.join(outside) or '–'} |")
     seconds = np.array([row.cpu_s for row in members])
     lines.append(
-        f"\n{len(members)} members; CPU seconds to measure one: median {np.median(seconds):.1f}, most {seconds.max():.1f}."
+        f"\n{len(members)} members, measured in {np.median(seconds):.1f} CPU s each, at most {seconds.max():.1f}."
     )
     return "\n".join(lines)
 

@@ -1,0 +1,143 @@
+"""Blocks of the picture that vote on the focus with equal weight, whatever their contrast."""
+
+import numpy as np
+import pytest
+from refusals import refusal
+from scipy.ndimage import gaussian_filter
+
+from saf_gen import get_measure, get_search
+from saf_gen.benchmark.conformance import check_search
+from saf_gen.core.seeds import make_generator
+from saf_gen.plugins.searches.block_vote import block_means, block_scores, scaled, vertex
+
+FRAMES, SHAPE = 2000, (40, 48)
+
+
+class Drawn:
+    """A view of a sweep over parts of a picture that are sharp at frames of their own.
+
+    ``parts`` are (columns, frame, contrast) of each; ``light`` is the gain in each frame, times 0.2 spikes per readout.
+    Pixels integrate without noise, from random phases.
+    """
+
+    frames, readout_hz, lag_s, now = FRAMES, 20_000.0, 0.0, FRAMES
+
+    def __init__(self, *parts, light=1.0, measure="vollath_f4_n", seed=0):
+        random = make_generator("test_block_vote", seed)
+        texture, t = gaussian_filter(random.normal(size=SHAPE), 1.0), np.arange(FRAMES)
+        texture = np.clip(texture / (2 * texture.std()), -1, 1)
+        self.measure, contrast = get_measure(measure), np.zeros((FRAMES, SHAPE[1]))
+        for columns, sharp, most in parts:
+            contrast[:, columns] = (most / (1 + ((t - sharp) / 100) ** 2))[:, None]
+        gain = 0.2 * np.broadcast_to(light, FRAMES)[:, None, None]
+        charge = np.cumsum(gain * (1 + contrast[:, None, :] * texture), axis=0)
+        self.total = np.concatenate([np.zeros((1, *SHAPE)), np.floor(charge + random.random(SHAPE))]).astype(np.uint32)
+
+    def counts(self, first, stop):
+        return self.total[stop] - self.total[first]
+
+    def score(self, first, stop, measure=None):
+        return (get_measure(measure) if measure else self.measure)(self.counts(first, stop))
+
+
+ALL, LEFT, RIGHT = slice(0, 48), slice(0, 36), slice(36, 48)
+
+
+def lens(view, **options):
+    answer = get_search("block_vote", **options)(view)
+    return answer.frame
+
+
+@pytest.mark.parametrize("at", [500, 1000, 1530])
+def test_the_focus_of_a_flat_target_is_found_to_a_step(at):
+    assert lens(Drawn((ALL, at, 0.5))) == pytest.approx(at, abs=30)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_most_of_the_area_decides_and_not_most_of_the_contrast(seed):
+    """A strip on 25 % of the box with 2.7 times the contrast is sharp elsewhere; a measure of the whole follows it."""
+    view = Drawn((LEFT, 600, 0.35), (RIGHT, 1400, 0.95), seed=seed)
+    assert lens(view) == pytest.approx(600, abs=40)
+    assert get_search("argmax", window=100)(view).frame == pytest.approx(1400, abs=100)
+    assert lens(view, block=48, own=10.0) == pytest.approx(1400, abs=60), "one block is a measure of the whole"
+
+
+@pytest.mark.parametrize("last", [0.15, 1.0, 6.0])
+def test_light_that_changes_moves_the_answer_by_less_than_two_steps(last):
+    light = np.geomspace(1, last, FRAMES)
+    assert lens(Drawn((ALL, 900, 0.5), light=np.minimum(light, 2.4))) == pytest.approx(900, abs=50)
+
+
+def test_a_gain_of_all_counts_changes_nothing():
+    halves = make_generator("test_block_vote", "gain").integers(1, 50, (2, 30, 41)).astype(float)
+    assert block_scores(7 * halves, 10) == pytest.approx(block_scores(halves, 10), rel=1e-12)
+
+
+def test_scores_of_blocks_equal_their_slow_twin():
+    halves = make_generator("test_block_vote", "twin").integers(1, 30, (2, 7, 9)).astype(float)
+    a, b = halves
+    c = a + b
+    f4 = np.zeros(c.shape)
+    shared = np.zeros(c.shape)
+    for i in range(7):
+        for j in range(9):
+            f4[i, j] += c[i, j] * (c[i + 1, j] - c[i + 2, j]) if i < 5 else 0
+            f4[i, j] += c[i, j] * (c[i, j + 1] - c[i, j + 2]) if j < 7 else 0
+            if 0 < i < 6 and 0 < j < 8:
+                one, two = (x[i - 1, j] + x[i + 1, j] + x[i, j - 1] + x[i, j + 1] - 4 * x[i, j] for x in (a, b))
+                shared[i, j] = one * two
+    expected = []
+    for rows, columns in ((slice(0, 7), slice(0, 4)), (slice(0, 7), slice(4, 9))):  # 4 pixels wide, one block high
+        part = [x[rows, columns].mean() for x in (f4, shared, c, a, b)]
+        expected.append([part[0] / part[2] ** 2, part[1] / (part[3] * part[4])])
+    assert block_scores(halves, 4) == pytest.approx(np.array(expected).T, rel=1e-12)
+
+
+def test_counting_noise_has_no_shared_laplacian():
+    """Poisson counts of mean 20 on 200 × 200 pixels, fixed seed: the mean of 40,000 products of two Laplacians, each of
+    variance 20·20, within five standard errors (significance 6·10⁻⁷) as if one product in four were independent.
+    """
+    noise = make_generator("test_block_vote", "noise").poisson(20, (2, 200, 200)).astype(float)
+    (_, shared) = block_scores(noise, 200)
+    assert abs(shared[0]) < 5 * 2 * (20 * 20 / 20**2) / 200
+
+
+def test_means_of_blocks_add_up_to_that_of_the_picture():
+    picture = make_generator("test_block_vote", "means").random((23, 37))
+    for size, count in ((10, 2 * 3), (5, 4 * 7), (100, 1), (1, 23 * 37)):
+        found = block_means(picture, size)
+        assert found.shape == (count,)
+    assert block_means(picture, 100)[0] == pytest.approx(picture.mean())
+    assert block_means(np.ones((23, 37)), 10) == pytest.approx(np.ones(6))
+
+
+def test_each_curve_is_scaled_to_its_own_range_above_its_floor():
+    curves = np.array([[0.0, 5.0, 3.0], [1.0, 5.0, 3.0], [9.0, 5.0, 1003.0], [1.0, 5.0, 3.0]])
+    assert scaled(curves)[:, 0] == pytest.approx([-1 / 17, 1 / 17, 1, 1 / 17])  # the floor is 0.5
+    assert pytest.approx(np.array([[0, 0, 0, 0], [0, 0, 1, 0]])) == scaled(curves)[:, 1:].T
+
+
+def test_the_top_lies_on_the_parabola_and_an_end_stays_an_end():
+    x = np.array([0.0, 10, 20, 30])
+    assert vertex(x, -((x - 13.0) ** 2)) == pytest.approx(13)
+    assert vertex(x, x) == 30
+    assert vertex(x[:1], x[:1]) == 0
+
+
+def test_without_light_there_is_no_answer_and_little_light_is_taken():
+    dark = get_search("block_vote")(Drawn((ALL, 900, 0.5), light=0.0))
+    assert (dark.frame, dark.note) == (None, "too dark")
+    assert lens(Drawn((ALL, 900, 0.9), light=0.08)) == pytest.approx(900, abs=150)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"block": 0}, "block is 0"), ({"steps": 0}, "steps is 0"), ({"longest": 2.0}, "longest is 2.0"),
+     ({"own": -1.0}, "own is -1.0"), ({"counts": float("nan")}, "counts is nan"), ({"blok": 3}, "block")],
+)  # fmt: skip
+def test_options_out_of_range_are_refused(options, said):
+    assert said in str(refusal(get_search, "block_vote", **options))
+
+
+def test_it_passes_the_checks_of_a_search():
+    assert [one for one in check_search(get_search("block_vote")) if one.level == "error"] == []
