@@ -655,6 +655,14 @@ FAULTS = {
             "leaderboard/test_tuning.py::test_the_right_to_abstain_is_chosen_where_some_sweeps_have_no_answer",
         ),
     ),
+    "blocks that vote by their contrast": Fault(
+        "Blocks of a picture count by their contrast, so that the strongest edge in the box decides.",
+        (Change("plugins.searches.block_vote", "(curves - floor) / np.maximum(height, TINY)", "curves - floor"),),
+        (
+            "plugins/test_block_vote.py::test_most_of_the_area_decides_and_not_most_of_the_contrast",
+            "plugins/test_block_vote.py::test_each_curve_is_scaled_to_its_own_range_above_its_floor",
+        ),
+    ),
     "sharpness lost twice": Fault(
         "The sharpness that an answer loses is that of the squared curve.",
         (Change("stream.optima", "1 - here / best", "1 - (here / best) ** 2"),),
