@@ -102,6 +102,13 @@ def test_counting_noise_has_no_shared_laplacian():
     assert abs(shared[0]) < 5 * 2 * (20 * 20 / 20**2) / 200
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 2), (3, 3), (2, 40), (11, 3)])
+def test_boxes_of_few_pixels_have_finite_scores(shape):
+    halves = make_generator("test_block_vote", "small").integers(0, 3, (2, *shape)).astype(float)
+    assert np.isfinite(block_scores(halves, 10)).all()
+    assert block_scores(0 * halves, 10) == pytest.approx(0)
+
+
 def test_means_of_blocks_add_up_to_that_of_the_picture():
     picture = make_generator("test_block_vote", "means").random((23, 37))
     for size, count in ((10, 2 * 3), (5, 4 * 7), (100, 1), (1, 23 * 37)):
