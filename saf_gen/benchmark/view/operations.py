@@ -46,7 +46,7 @@ UNDECLARED = DeclaredCost(100.0, 2e5, 100.0)
 OF_SHIPPED = {
     "PeakFit": DeclaredCost(None, 1e5, 2.0),
     "AgreedPeak": DeclaredCost(None, 1e5, 2.0),
-    "BlockVote": DeclaredCost(None, 2e5, 30.0),
+    "BlockVote": DeclaredCost(None, 2e4, 12.0),
     "PhotonAware": DeclaredCost(None, 3e4),
     "SignChange": DeclaredCost(None, 2e4),
 }
