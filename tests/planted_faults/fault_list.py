@@ -663,6 +663,17 @@ FAULTS = {
             "plugins/test_block_vote.py::test_each_curve_is_scaled_to_its_own_range_above_its_floor",
         ),
     ),
+    "blocks that see one half": Fault(
+        "Blocks multiply the differences of a half of a window by themselves, so that counting noise votes.",
+        (
+            Change("plugins.searches.block_vote", "(b[i + 1, j] - b[i, j])", "(a[i + 1, j] - a[i, j])"),
+            Change("plugins.searches.block_vote", "laplacian += one * two", "laplacian += one * one"),
+        ),
+        (
+            "plugins/test_block_vote.py::test_scores_of_blocks_equal_their_slow_twin",
+            "plugins/test_block_vote.py::test_counting_noise_has_no_shared_gradient_and_no_shared_laplacian",
+        ),
+    ),
     "sharpness lost twice": Fault(
         "The sharpness that an answer loses is that of the squared curve.",
         (Change("stream.optima", "1 - here / best", "1 - (here / best) ** 2"),),
