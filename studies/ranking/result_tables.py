@@ -1,9 +1,9 @@
-"""Write the tables of results.md and claims.md from the evaluations of both tracks.
+"""Write the tables of results.md and claims.md, or of other pages, from the evaluations of both tracks.
 
-    python -m studies.ranking.result_tables RECORDED [CLOSED_LOOP]
+    python -m studies.ranking.result_tables RECORDED [CLOSED_LOOP] [--page PAGE ...]
 
 RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
-are not changed. A table is placed between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of
+are not changed. With ``--page``, the tables of other pages are written. A table is placed between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of
 ``TABLES``. Everything else on a page is written by hand.
 """
 
@@ -89,6 +89,20 @@ def tabulate_results(evaluation: Evaluation) -> str:
     return _format_grid(header, rows)
 
 
+def tabulate_judged(evaluation: Evaluation) -> str:
+    """Return a table of all methods, best first, with both errors of abstaining, frames and computing time."""
+    header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF"
+    costs = "false answers", "false abstentions", "frames seen", "s"
+    rows = []
+    for row in evaluation["rows"]:
+        rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
+        cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
+        cells += [format_percent(row["answerable_half_dof"]), *_success_cells(row)]
+        cells += [str(row["false_answers"]), str(row["false_abstentions"]), format_percent(row["frames_seen"])]
+        rows.append([*cells, format_number(row["seconds"], 2)])
+    return _format_grid([*header, *costs], rows)
+
+
 def _success_cells(row: Evaluation) -> list[str]:
     ends = (None if row[key] is None else 100 * row[key] for key in ("answerable_1dof_low", "answerable_1dof_high"))
     success, error = format_percent(row["answerable_1dof"]), format_number(row["median_error_dof"], 2)
@@ -161,6 +175,7 @@ def tabulate_claims(evaluation: Evaluation) -> str:
 
 TABLES: dict[str, Callable[[Evaluation], str]] = {
     "results": tabulate_results,
+    "judged": tabulate_judged,
     "neighbours": tabulate_neighbours,
     "division": tabulate_division,
     "conditions": tabulate_conditions,
@@ -181,16 +196,18 @@ def rewrite(page: str, evaluations: Mapping[str, Evaluation]) -> str:
 
 
 def main() -> None:
-    """Write both pages."""
+    """Write the pages."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recorded", type=Path)
     parser.add_argument("closed_loop", type=Path, nargs="?")
+    parser.add_argument("--page", type=Path, nargs="+", default=PAGES)
+    given = parser.parse_args()
     evaluations = {
         track: json.loads((folder / "leaderboard.json").read_text(encoding="utf-8"))
-        for track, folder in vars(parser.parse_args()).items()
+        for track, folder in (("recorded", given.recorded), ("closed_loop", given.closed_loop))
         if folder is not None
     }
-    for page in PAGES:
+    for page in given.page:
         page.write_text(rewrite(page.read_text(encoding="utf-8"), evaluations), encoding="utf-8")
 
 
