@@ -45,9 +45,9 @@ DEFAULT_RECORDED_METHODS = (
     ),
     "cen+argmax",
     "sd+sgfs_causal",
-    "sd_calibrated+photon_aware",
     "structure_calibrated+photon_aware",
     "octave_structure+peak_fit",
+    "vollath_f4_n+block_vote",
 )
 """Methods that ``saf-gen evaluate`` runs by default: the paper's measures and searches, two of these measures in
 brightness-normalised form (SD is normalised already), and five more methods."""

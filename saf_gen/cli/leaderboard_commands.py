@@ -30,6 +30,7 @@ from saf_gen.cli.evaluate_commands import (
     print_written,
     protocol_from_options,
 )
+from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
@@ -61,7 +62,7 @@ def merge_command(
         with lock_folder(folder):
             written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
     splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
-    title = f"{board.size}, {len(runs)} evaluations{f', {name_splits(splits)}' if splits else ''}"
+    title = f"{board.size}, {plural(len(runs), 'evaluation')}{f', {name_splits(splits)}' if splits else ''}"
     print_leaderboard(board, records=board.records, title=title)
     if written is not None:
         print_written(written)

@@ -3,8 +3,8 @@
     python -m studies.ranking.result_tables RECORDED [CLOSED_LOOP] [--page PAGE ...]
 
 RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
-are not changed. With ``--page``, the tables of other pages are written. A table is placed between ``<!-- table: TRACK KIND -->`` and ``<!-- end -->``; KIND is a key of
-``TABLES``. Everything else on a page is written by hand.
+are not changed. With ``--page``, the tables of other pages are written. A table is placed between ``<!-- table: TRACK
+KIND -->`` and ``<!-- end -->``; KIND is a key of ``TABLES``. Everything else on a page is written by hand.
 """
 
 import argparse

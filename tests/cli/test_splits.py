@@ -183,8 +183,8 @@ def test_evaluations_of_different_splits_do_not_share_a_table(call, make, tmp_pa
         assert f"test in {tmp_path}" in err
         assert "allowed: the same splits in all evaluations; run saf-gen evaluate again, with --split" in err
     assert refusal(read_leaderboard, tmp_path / "test", tmp_path / "train").problem.startswith("the splits differ")
-    assert "1 evaluations, split test" in call("leaderboard", tmp_path / "test")[1]
-    assert "1 evaluations, splits train and test" in call("leaderboard", tmp_path / "all")[1]
+    assert "1 evaluation, split test" in call("leaderboard", tmp_path / "test")[1]
+    assert "1 evaluation, splits train and test" in call("leaderboard", tmp_path / "all")[1]
 
 
 @pytest.mark.parametrize(("splits", "split"), [(THREE, "validation"), (NONE, "all"), ({"all": 2}, "all")])

@@ -36,8 +36,8 @@ BEYOND = {
     ("saf_live", 16): 1.33,
     ("saf_live", 32): 1.56,
 }
-"""Largest shards, as multiples of the mean, above the aim of 1.2: pieces are too few (19 stacks in ``learned``), or many
-cuts load scenes again whose loading costs as much as dozens of slices."""
+"""Largest shards, as multiples of the mean, above the aim of 1.2: pieces are too few (19 stacks in ``learned``), or
+many cuts load scenes again whose loading costs as much as dozens of slices."""
 
 
 @pytest.fixture(scope="module")
