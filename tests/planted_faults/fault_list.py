@@ -671,7 +671,7 @@ FAULTS = {
         ),
         (
             "plugins/test_block_vote.py::test_scores_of_blocks_equal_their_slow_twin",
-            "plugins/test_block_vote.py::test_counting_noise_has_no_shared_gradient_and_no_shared_laplacian",
+            "plugins/test_block_vote.py::test_counting_noise_scores_nothing",
         ),
     ),
     "sharpness lost twice": Fault(

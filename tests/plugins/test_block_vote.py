@@ -68,51 +68,77 @@ def test_light_that_changes_moves_the_answer_by_less_than_two_steps(last):
     assert lens(Drawn((ALL, 900, 0.5), light=np.minimum(light, 2.4))) == pytest.approx(900, abs=50)
 
 
-def test_a_gain_of_all_counts_changes_nothing():
+both = pytest.mark.parametrize("f4", [True, False])
+
+
+@both
+def test_a_gain_of_all_counts_changes_nothing(f4):
     halves = make_generator("test_block_vote", "gain").integers(1, 50, (2, 30, 41))
-    assert block_scores(*(7 * halves), 10) == pytest.approx(block_scores(*halves, 10), rel=1e-12)
+    expected = block_scores(*halves, size=10, f4=f4)
+    assert block_scores(*(7 * halves), size=10, f4=f4) == pytest.approx(expected, rel=1e-12)
 
 
-def test_scores_of_blocks_equal_their_slow_twin():
+@both
+def test_scores_of_blocks_equal_their_slow_twin(f4):
     a, b = make_generator("test_block_vote", "twin").integers(1, 30, (2, 7, 9))
-    gradient, laplacian = np.zeros(a.shape), np.zeros(a.shape)
+    c = a + b
+    fine, laplacian = np.zeros(a.shape), np.zeros(a.shape)
     for i in range(7):
         for j in range(9):
-            gradient[i, j] += (a[i + 1, j] - a[i, j]) * (b[i + 1, j] - b[i, j]) if i < 6 else 0
-            gradient[i, j] += (a[i, j + 1] - a[i, j]) * (b[i, j + 1] - b[i, j]) if j < 8 else 0
+            if f4:
+                fine[i, j] += c[i, j] * (c[i + 1, j] - c[i + 2, j]) if i < 5 else 0
+                fine[i, j] += c[i, j] * (c[i, j + 1] - c[i, j + 2]) if j < 7 else 0
+            else:
+                fine[i, j] += (a[i + 1, j] - a[i, j]) * (b[i + 1, j] - b[i, j]) if i < 6 else 0
+                fine[i, j] += (a[i, j + 1] - a[i, j]) * (b[i, j + 1] - b[i, j]) if j < 8 else 0
             if 0 < i < 6 and 0 < j < 8:
                 one, two = (x[i - 1, j] + x[i + 1, j] + x[i, j - 1] + x[i, j + 1] - 4 * x[i, j] for x in (a, b))
                 laplacian[i, j] = one * two
     expected = []
     for rows, columns in ((slice(0, 7), slice(0, 4)), (slice(0, 7), slice(4, 9))):  # 4 pixels wide, one block high
-        part = [x[rows, columns].mean() for x in (gradient, laplacian, a, b)]
-        expected.append([part[0] / (part[2] * part[3]), part[1] / (part[2] * part[3])])
-    assert block_scores(a, b, 4) == pytest.approx(np.array(expected).T, rel=1e-12)
+        part = [x[rows, columns].mean() for x in (fine, laplacian, a, b, c)]
+        lit = part[2] * part[3]
+        expected.append([part[0] / (part[4] ** 2 if f4 else lit), part[1] / lit])
+    assert block_scores(a, b, size=4, f4=f4) == pytest.approx(np.array(expected).T, rel=1e-12)
 
 
 @pytest.mark.parametrize("period", [2, 3, 4, 5, 7])
-def test_no_period_of_stripes_has_the_score_of_a_plain_picture(period):
-    """Vollath's F4, which voted here before, is 0 for stripes with a period of three pixels."""
+def test_differences_see_stripes_of_any_period_and_f4_all_but_those_of_three_pixels(period):
     stripes = np.where(np.arange(60) % period < period / 2, 20, 10) * np.ones((60, 1), int)
-    assert (block_scores(stripes, stripes, 10) > 0.03).all()
+    assert (block_scores(stripes, stripes, size=10, f4=False) > 0.03).all()
+    left = block_scores(stripes, stripes, size=30, f4=True)[0, 0]  # whose pixels have all their neighbours across
+    assert (abs(left) < 1e-12) == (period == 3)
 
 
-def test_counting_noise_has_no_shared_gradient_and_no_shared_laplacian():
-    """Poisson counts of mean 20 on 200 × 200 pixels, fixed seed: means of 40,000 sums of two products of differences
-    of variance 2·20, and of products of Laplacians of variance 20·20, within five standard errors (significance 6·10⁻⁷)
-    as if one product in four were independent.
+def test_f4_sees_no_fixed_pattern_of_independent_pixels_and_differences_do():
+    """A pattern of variance 16 about 20 in both halves, 200 × 200 pixels, fixed seed. F4 adds 80,000 products of a sum,
+    40 ± 8, and a difference of two of them, 0 ± 8·√2: within five standard errors (significance 6·10⁻⁷).
+    """
+    pattern = np.round(make_generator("test_block_vote", "fixed").normal(20, 4, (200, 200))).astype(int)
+    f4, differences = (block_scores(pattern, pattern, size=200, f4=f4)[0, 0] for f4 in (True, False))
+    assert abs(f4) < 5 * (2 * (64 * 128 + 1600 * 128) / 200**2) ** 0.5 / 40**2
+    assert differences == pytest.approx(2 * 2 * 16 / 20**2, rel=0.05)
+
+
+@both
+def test_counting_noise_scores_nothing(f4):
+    """Poisson counts of mean 20 on 200 × 200 pixels, fixed seed: means of 40,000 sums of two products, of differences
+    of variance 2·20 or of a count of 40 and a difference of variance 2·40, and of products of Laplacians of variance
+    20·20, within five standard errors (significance 6·10⁻⁷) as if one product in four were independent.
     """
     first, second = make_generator("test_block_vote", "noise").poisson(20, (2, 200, 200))
-    gradient, laplacian = block_scores(first, second, 200)[:, 0]
-    assert abs(gradient) < 5 * 2 * (2**0.5 * 2 * 20 / 20**2) / 200
+    fine, laplacian = block_scores(first, second, size=200, f4=f4)[:, 0]
+    spread = (2 * (40 * 80 + 40**2 * 80)) ** 0.5 / 40**2 if f4 else 2**0.5 * 2 * 20 / 20**2
+    assert abs(fine) < 5 * 2 * spread / 200
     assert abs(laplacian) < 5 * 2 * (20 * 20 / 20**2) / 200
 
 
+@both
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 2), (3, 3), (2, 40), (11, 3)])
-def test_boxes_of_few_pixels_have_finite_scores(shape):
+def test_boxes_of_few_pixels_have_finite_scores(shape, f4):
     first, second = make_generator("test_block_vote", "small").integers(0, 3, (2, *shape))
-    assert np.isfinite(block_scores(first, second, 10)).all()
-    assert block_scores(0 * first, second, 10) == pytest.approx(0)
+    assert np.isfinite(block_scores(first, second, size=10, f4=f4)).all()
+    assert block_scores(0 * first, second, size=10, f4=f4) == pytest.approx(0)
 
 
 @pytest.mark.parametrize(("pixels", "size", "count"), [(23, 10, 2), (37, 10, 3), (37, 100, 1), (5, 1, 5)])
@@ -144,7 +170,8 @@ def test_without_light_there_is_no_answer_and_little_light_is_taken():
 @pytest.mark.parametrize(
     ("options", "said"),
     [({"block": 0}, "block is 0"), ({"steps": 0}, "steps is 0"), ({"longest": 2.0}, "longest is 2.0"),
-     ({"own": -1.0}, "own is -1.0"), ({"counts": float("nan")}, "counts is nan"), ({"blok": 3}, "block")],
+     ({"own": -1.0}, "own is -1.0"), ({"by": "f5"}, "unknown kind of curve 'f5'"),
+     ({"counts": float("nan")}, "counts is nan"), ({"blok": 3}, "block")],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(options, said):
     assert said in str(refusal(get_search, "block_vote", **options))

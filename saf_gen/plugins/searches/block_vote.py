@@ -6,10 +6,12 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from saf_gen.errors import unknown
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._light_windows import equal_light_windows
 from saf_gen.plugins.searches._windows import check_frame_count, check_numbers
 
+KINDS = "f4", "gradient"
 SHORTEST = 4
 """Frames of the shortest step; a short recording has fewer steps."""
 FEWEST = 3
@@ -29,8 +31,11 @@ class BlockVote:
     Windows have equal light, as in ``peak_fit``: after each of ``steps`` steps, the window that ends there is the
     shortest one with ``counts`` spikes per pixel, but no longer than the fraction ``longest`` of the recording. A
     recording with fewer than four frames per step has fewer steps. In each window every block has two curves over its
-    squared brightness: the mean product of the differences of neighbours in the two halves of the window, and that of
-    their Laplacians. Counting noise cancels in both, and neither is blind to a pattern of any period.
+    squared brightness: Vollath's F4 along both axes, and the mean product of the Laplacians of the two halves of the
+    window, in which counting noise cancels. F4 has no part of neighbours that are independent, such as counting noise
+    and the fixed pattern of the dark current, so that it stands low texture in little light; it is 0 for stripes with a
+    period of three pixels. With ``by="gradient"`` the mean product of the differences of neighbours in both halves
+    stands in its place, which no period is hidden from, but which sees the fixed pattern as texture.
 
     All curves are smoothed by a Gaussian of one step, reduced by the median of their lower half, and divided by what is
     left of their largest value. The sums over the blocks, one for each kind, are scaled alike and added, and so is the
@@ -44,19 +49,21 @@ class BlockVote:
 
     References
     ----------
-    This project. Squared differences as a measure of focus: S. K. Nayar, Y. Nakagawa, IEEE Trans. Pattern Anal. Mach.
-    Intell. 16(8), 1994, doi:10.1109/34.308479, which sums a modified Laplacian.
+    This project. F4: Vollath, J. Microscopy 147(3), 1987, doi:10.1111/j.1365-2818.1987.tb02839.x.
     """
 
     counts: float = 12.0
     steps: int = 80
     longest: float = 0.15
     block: int = 10
-    own: float = 1.0
+    own: float = 0.5
+    by: str = "f4"
 
     causal: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        if self.by not in KINDS:
+            raise unknown("kind of curve", self.by, allowed=KINDS)
         check_frame_count("steps", self.steps)
         check_frame_count("block", self.block)
         check_numbers(self, {"counts": 1e6, "longest": 1.0, "own": 1e6})
@@ -70,7 +77,7 @@ class BlockVote:
             first, second = view.counts(window.first, middle), view.counts(middle, window.stop)
             frames.append((window.first + window.stop) / 2 - 0.5)
             scores.append(view.score(window.first, window.stop))
-            blocks.append(block_scores(first, second, self.block))
+            blocks.append(block_scores(first, second, size=self.block, f4=self.by == "f4"))
         if len(frames) < FEWEST:
             return Answer(None, (), "too dark")
         x = np.array(frames)
@@ -91,16 +98,18 @@ def scaled(curves: np.ndarray) -> np.ndarray:
     return np.where(height > TINY, (curves - floor) / np.maximum(height, TINY), 0.0)
 
 
-def block_scores(first: np.ndarray, second: np.ndarray, size: int) -> np.ndarray:
-    """Return the shared squared gradient and Laplacian of blocks of about size × size pixels, float64 (2, block).
+def block_scores(first: np.ndarray, second: np.ndarray, *, size: int, f4: bool) -> np.ndarray:
+    """Return F4 or the shared squared gradient, and the shared Laplacian, of blocks of about size × size pixels.
 
-    ``first`` and ``second`` are the counts of the two halves of a window (row, col). A pixel without the neighbours
-    that it needs adds nothing. A block without light in one of the halves scores 0.
+    ``first`` and ``second`` are the counts of the two halves of a window (row, col). The result is float64 (2, block).
+    A pixel without the neighbours that it needs adds nothing. A block without light in one of the halves scores 0.
     """
     rows, columns = (block_edges(n, size) for n in first.shape)
-    sums = _block_sums(first.astype(np.int64), second.astype(np.int64), rows, columns).reshape(4, -1)
+    sums = _block_sums(first.astype(np.int64), second.astype(np.int64), rows, columns, f4).reshape(4, -1)
     pixels = np.outer(np.diff(rows), np.diff(columns)).ravel()
-    return sums[:2] * pixels / np.maximum(sums[2] * sums[3], 1.0)
+    lit = np.where((sums[2] > 0) & (sums[3] > 0), sums[2] * sums[3], np.inf)
+    whole = np.where(np.isfinite(lit), (sums[2] + sums[3]) ** 2, np.inf)
+    return np.stack([sums[0] * pixels / (whole if f4 else lit), sums[1] * pixels / lit])
 
 
 def block_edges(pixels: int, size: int) -> np.ndarray:
@@ -109,7 +118,7 @@ def block_edges(pixels: int, size: int) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _block_sums(a: np.ndarray, b: np.ndarray, row_edges: np.ndarray, column_edges: np.ndarray) -> np.ndarray:
+def _block_sums(a: np.ndarray, b: np.ndarray, row_edges: np.ndarray, column_edges: np.ndarray, f4: bool) -> np.ndarray:
     """Return the sums over blocks of both products and of the counts of both halves, float64 (4, n, m).
 
     ``a`` and ``b`` are int64, so that products are exact. The loop is compiled because temporary arrays would cost more
@@ -119,20 +128,26 @@ def _block_sums(a: np.ndarray, b: np.ndarray, row_edges: np.ndarray, column_edge
     sums = np.zeros((4, row_edges.size - 1, column_edges.size - 1))
     for p in range(row_edges.size - 1):
         for q in range(column_edges.size - 1):
-            gradient, laplacian, first, second = 0, 0, 0, 0
+            fine, laplacian, first, second = 0, 0, 0, 0
             for i in range(row_edges[p], row_edges[p + 1]):
                 for j in range(column_edges[q], column_edges[q + 1]):
                     first += a[i, j]
                     second += b[i, j]
-                    if i < rows - 1:
-                        gradient += (a[i + 1, j] - a[i, j]) * (b[i + 1, j] - b[i, j])
-                    if j < columns - 1:
-                        gradient += (a[i, j + 1] - a[i, j]) * (b[i, j + 1] - b[i, j])
+                    if f4:
+                        if i < rows - 2:
+                            fine += (a[i, j] + b[i, j]) * (a[i + 1, j] + b[i + 1, j] - a[i + 2, j] - b[i + 2, j])
+                        if j < columns - 2:
+                            fine += (a[i, j] + b[i, j]) * (a[i, j + 1] + b[i, j + 1] - a[i, j + 2] - b[i, j + 2])
+                    else:
+                        if i < rows - 1:
+                            fine += (a[i + 1, j] - a[i, j]) * (b[i + 1, j] - b[i, j])
+                        if j < columns - 1:
+                            fine += (a[i, j + 1] - a[i, j]) * (b[i, j + 1] - b[i, j])
                     if 0 < i < rows - 1 and 0 < j < columns - 1:
                         one = a[i - 1, j] + a[i + 1, j] + a[i, j - 1] + a[i, j + 1] - 4 * a[i, j]
                         two = b[i - 1, j] + b[i + 1, j] + b[i, j - 1] + b[i, j + 1] - 4 * b[i, j]
                         laplacian += one * two
-            sums[0, p, q], sums[1, p, q], sums[2, p, q], sums[3, p, q] = gradient, laplacian, first, second
+            sums[0, p, q], sums[1, p, q], sums[2, p, q], sums[3, p, q] = fine, laplacian, first, second
     return sums
 
 
