@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -115,9 +116,10 @@ def test_a_dry_run_reports_what_would_be_made_and_writes_nothing(call, small_rec
     assert out.count("400") == 3
     assert "focal stacks to render: plane" in out
     assert "disk still needed" in out
-    assert "time: about 18 s on two cores" in out, "the start takes most of it"
+    (seconds,) = re.findall(r"time: about (\d+) s on two cores", out)
+    assert 10 < int(seconds) < 40, "the start takes most of it; the scene costs a median"
     _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "1/3")
-    assert "shard 1/3: 1 of 1 stacks and time slices, about 3 s of 3 s (100.0%)" in out
+    assert re.search(r"shard 1/3: 1 of 1 stacks and time slices, about (\d+) s of \1 s \(100.0%\)", out)
     assert "focal stacks to render: plane" in out
     _, out, _ = call("generate", small_recipe, "--out", tmp_path / "ds", "--dry-run", "--shard", "2/3")
     assert "small: 0 sequences" in out
