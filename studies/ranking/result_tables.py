@@ -43,6 +43,8 @@ CLAIMS_SHOWN = (
     *("structure_calibrated+photon_aware", "octave_structure+peak_fit"),
 )
 AXES = "light", "light_ratio", "scene_motion", "lens_motion", "photon_budget", "focus_position", "grain"
+FIRST = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF"
+"""First columns of the tables of all methods."""
 Evaluation = dict[str, Any]
 """Content of leaderboard.json."""
 
@@ -70,12 +72,9 @@ def tabulate_results(evaluation: Evaluation) -> str:
     """Return a table of all methods, best first, with the time to focus in the closed loop, else the frames seen."""
     in_closed_loop = evaluation["track"] == ["closed_loop"]
     costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
-    header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF", *costs
     rows = []
     for row in evaluation["rows"]:
-        rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
-        cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
-        cells += [format_percent(row["answerable_half_dof"]), *_success_cells(row)]
+        cells = _first_cells(row)
         if in_closed_loop:
             cells += [
                 format_number(row["time_to_focus_s"], 3),
@@ -86,21 +85,24 @@ def tabulate_results(evaluation: Evaluation) -> str:
         else:
             cells.append(format_percent(row["frames_seen"]))
         rows.append(cells)
-    return _format_grid(header, rows)
+    return _format_grid([*FIRST, *costs], rows)
 
 
 def tabulate_judged(evaluation: Evaluation) -> str:
     """Return a table of all methods, best first, with both errors of abstaining, frames and computing time."""
-    header = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF"
     costs = "false answers", "false abstentions", "frames seen", "s"
     rows = []
     for row in evaluation["rows"]:
-        rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
-        cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
-        cells += [format_percent(row["answerable_half_dof"]), *_success_cells(row)]
+        cells = _first_cells(row)
         cells += [str(row["false_answers"]), str(row["false_abstentions"]), format_percent(row["frames_seen"])]
         rows.append([*cells, format_number(row["seconds"], 2)])
-    return _format_grid([*header, *costs], rows)
+    return _format_grid([*FIRST, *costs], rows)
+
+
+def _first_cells(row: Evaluation) -> list[str]:
+    rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
+    cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
+    return [*cells, format_percent(row["answerable_half_dof"]), *_success_cells(row)]
 
 
 def _success_cells(row: Evaluation) -> list[str]:

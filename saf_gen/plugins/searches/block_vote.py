@@ -12,6 +12,7 @@ from saf_gen.plugins.searches._light_windows import equal_light_windows
 from saf_gen.plugins.searches._windows import check_frame_count, check_numbers
 
 KINDS = "f4", "gradient"
+"""Curves that vote beside the Laplacian, the names of ``by``."""
 SHORTEST = 4
 """Frames of the shortest step; a short recording has fewer steps."""
 FEWEST = 3
@@ -32,10 +33,11 @@ class BlockVote:
     shortest one with ``counts`` spikes per pixel, but no longer than the fraction ``longest`` of the recording. A
     recording with fewer than four frames per step has fewer steps. In each window every block has two curves over its
     squared brightness: Vollath's F4 along both axes, and the mean product of the Laplacians of the two halves of the
-    window, in which counting noise cancels. F4 has no part of neighbours that are independent, such as counting noise
-    and the fixed pattern of the dark current, so that it stands low texture in little light; it is 0 for stripes with a
-    period of three pixels. With ``by="gradient"`` the mean product of the differences of neighbours in both halves
-    stands in its place, which no period is hidden from, but which sees the fixed pattern as texture.
+    window, in which counting noise cancels. Independent neighbours, as in
+    counting noise and in the fixed pattern of the dark current, add nothing to F4 on average, so that it stands low
+    texture in little light; but it is 0 for stripes with a period of three pixels. With ``by="gradient"``, the mean
+    product of the differences of neighbours in both halves takes its place. It sees stripes of any period, and also the
+    fixed pattern.
 
     All curves are smoothed by a Gaussian of one step, reduced by the median of their lower half, and divided by what is
     left of their largest value. The sums over the blocks, one for each kind, are scaled alike and added, and so is the
@@ -107,9 +109,9 @@ def block_scores(first: np.ndarray, second: np.ndarray, *, size: int, f4: bool) 
     rows, columns = (block_edges(n, size) for n in first.shape)
     sums = _block_sums(first.astype(np.int64), second.astype(np.int64), rows, columns, f4).reshape(4, -1)
     pixels = np.outer(np.diff(rows), np.diff(columns)).ravel()
-    lit = np.where((sums[2] > 0) & (sums[3] > 0), sums[2] * sums[3], np.inf)
-    whole = np.where(np.isfinite(lit), (sums[2] + sums[3]) ** 2, np.inf)
-    return np.stack([sums[0] * pixels / (whole if f4 else lit), sums[1] * pixels / lit])
+    lit = sums[2] * sums[3]
+    brightness = np.stack([(sums[2] + sums[3]) ** 2 if f4 else lit, lit])
+    return np.where(lit > 0, sums[:2] * pixels / np.maximum(brightness, 1), 0.0)
 
 
 def block_edges(pixels: int, size: int) -> np.ndarray:
