@@ -19,6 +19,7 @@ from refusals import assert_says, refusal
 from test_executor import done
 
 from saf_gen.core.execution import Cluster, SchedulerLost, dask_cluster, dask_connection, run_jobs, silence
+from saf_gen.core.execution.dask_connection import list_workers
 from saf_gen.core.extras import installed_versions
 from saf_gen.errors import BadInput
 
@@ -158,9 +159,30 @@ def test_an_address_of_no_scheduler_is_one_line(address, why, tmp_path, monkeypa
 
 def test_the_address_of_a_worker_is_refused(cluster, tmp_path):
     with distributed.Client(cluster.address, set_as_default=False) as client:
-        worker = next(iter(client.scheduler_info(n_workers=-1)["workers"]))
+        worker = next(iter(list_workers(client)))
     problem = refusal(done, [Square(1)], cluster=Cluster(worker, tmp_path))
     assert_says(problem, f"no Dask scheduler answers at {worker!r}: it is the address of a worker")
+
+
+def test_workers_are_listed_whatever_the_timer_of_the_client_does(cluster):
+    with distributed.Client(cluster.address, set_as_default=False) as client:
+
+        async def empty(n_workers=0):  # what the timer does between a question and its answer
+            client._scheduler_identity = {"workers": {}}
+
+        client._update_scheduler_info = empty
+        assert client.scheduler_info(n_workers=-1)["workers"] == {}
+        assert len(list_workers(client)) >= 1
+
+
+def test_workers_that_leave_before_they_answer_are_one_line(cluster, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "ANSWER_S", 0.5)
+    monkeypatch.setattr(dask_cluster, "list_workers", lambda client: {})
+    monkeypatch.setattr(distributed.Client, "run", lambda *given, **options: time.sleep(2.0))
+    problem = refusal(done, [Square(1)], cluster=cluster)
+    assert_says(
+        problem, f"all workers of the scheduler at {cluster.address} left it before they answered | start workers"
+    )
 
 
 def test_a_cluster_without_dask_is_one_line_with_what_to_install(monkeypatch, tmp_path):
@@ -221,7 +243,7 @@ def test_workers_that_die_or_join_and_a_lost_scheduler_are_one_line_each(tmp_pat
                     assert_says(problem, "1 of 3 workers | has saf_gen  | constraints.txt")
 
                 with distributed.Client(address, set_as_default=False) as client:  # the other worker has left
-                    wait_until(lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == 2)
+                    wait_until(lambda: len(list_workers(client)) == 2)
                 lost = thread.submit(done, [Waits(tmp_path)], cluster=cluster)
                 wait_until((tmp_path / "pid").exists)
                 os.killpg(scheduler.pid, signal.SIGKILL)
@@ -242,7 +264,7 @@ def test_a_worker_and_a_scheduler_that_fall_silent_are_told_and_the_run_goes_on_
     ):
         with distributed.Client(address, set_as_default=False) as client:
             client.wait_for_workers(1, timeout=60)
-            name = next(iter(client.scheduler_info(n_workers=-1)["workers"]))
+            name = next(iter(list_workers(client)))
         cluster, lines, heard = Cluster(address, tmp_path, writes=True), [], []
         run = thread.submit(
             done, [Waits(tmp_path)], cluster=cluster, notify=lines.append, report=lambda *step: heard.append(step)

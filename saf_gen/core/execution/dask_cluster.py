@@ -19,7 +19,7 @@ from queue import Empty, SimpleQueue
 from secrets import token_hex
 from typing import Any
 
-from saf_gen.core.execution.dask_connection import connect, silence_dask, within
+from saf_gen.core.execution.dask_connection import connect, list_workers, silence_dask, within
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress, describe_job_error
 from saf_gen.core.execution.silence import Silence
 from saf_gen.core.extras import installed_versions, require_extra
@@ -223,14 +223,19 @@ class _Dispatcher:
         self._has_gpus = any(worker["resources"].get("GPU") for worker in workers)
 
     def _list_workers(self) -> dict[str, Any]:
-        workers: dict[str, Any] = within(ANSWER_S, lambda: self._client.scheduler_info(n_workers=-1)["workers"])
+        workers: dict[str, Any] = within(ANSWER_S, lambda: list_workers(self._client))
         return workers
 
     def _silent_at_start(self) -> BadInput:
         """Return the error for workers that do not answer when they are asked for their versions."""
         workers = self._list_workers()
+        if not workers:
+            return BadInput(
+                f"all workers of the scheduler at {self._address} left it before they answered",
+                hint="start workers, and run the same command again",
+            )
         heard_s = {address: worker["last_seen"] for address, worker in workers.items()}
-        latest_s = max(heard_s.values(), default=0.0)
+        latest_s = max(heard_s.values())
         silent = [address for address, then_s in heard_s.items() if latest_s - then_s > ANSWER_S / 2] or list(heard_s)
         return BadInput(
             f"{len(silent)} of {len(workers)} workers of the scheduler at {self._address} do not answer within "
@@ -294,7 +299,7 @@ class _Dispatcher:
         """Ask the scheduler again and again for its workers, in a thread of its own, because it may never answer."""
         while not over.is_set():
             try:
-                workers = self._client.scheduler_info(n_workers=-1)["workers"]
+                workers = list_workers(self._client)
                 silent = [address for address, (_, silence) in list(self._workers.items()) if silence.is_long]
                 held = self._client.processing(silent) if silent else {}
             except Exception:  # noqa: BLE001  (the connection is lost, which all futures notice)

@@ -68,6 +68,15 @@ def connect(address: str) -> Iterator[Any]:
         client.close(timeout=2)
 
 
+def list_workers(client: Any) -> dict[str, Any]:
+    """Return what the scheduler knows of each worker, by address.
+
+    The scheduler is asked itself, because ``Client.scheduler_info`` returns a field of the client that a timer of the
+    client replaces by one without workers: at any time, so also just before it is returned.
+    """
+    return dict(client.sync(client.scheduler.identity, n_workers=-1)["workers"])
+
+
 def within(seconds: float, function: Callable[[], Any]) -> Any:
     """Return the result of a function that may never return; raise TimeoutError after a time."""
     found: list[Any] = []
