@@ -5,9 +5,7 @@ import gc
 import logging
 import os
 import re
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -216,36 +214,6 @@ def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: t
             capture_dataset.make_dataset(shared / name, patch, capture_dataset.RECIPE.replace(*changes))
             (shared / f"{name}.made").touch()
     return shared / name / "takes"
-
-
-@pytest.fixture(scope="session", autouse=True)
-def drawing_figures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """Make reports without figures, which take longer than a small evaluation; return a context that draws them.
-
-    Nothing is patched if no test of this run imports the module that writes reports, whose import takes a second.
-    """
-    evaluation_folder = sys.modules.get("saf_gen.leaderboard.report.evaluation_folder")
-    if evaluation_folder is None:
-        yield nullcontext
-        return
-    real = evaluation_folder.plot_figures
-
-    @contextmanager
-    def draw() -> Iterator[None]:
-        with pytest.MonkeyPatch.context() as inside:
-            inside.setattr(evaluation_folder, "plot_figures", real)
-            yield
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluation_folder, "plot_figures", lambda *_, **__: [])
-        yield draw
-
-
-@pytest.fixture
-def drawn_figures(drawing_figures) -> Iterator[None]:
-    """Draw the figures of reports, as for a user."""
-    with drawing_figures():
-        yield
 
 
 @pytest.fixture

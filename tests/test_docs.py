@@ -360,6 +360,7 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
+        patch.setattr("saf_gen.leaderboard.report.charts.DRAWN_SEQUENCES", 1)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
         patch.setattr("saf_gen.calibration.fit_files.draw_fit", lambda fit: [])
         patch.setattr("saf_gen.authoring.checks.subject.NEAR_SAMPLES", 4)
@@ -432,7 +433,6 @@ def follow_page(page, desk, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("drawn_figures")
 def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     made = desk / "datasets/quickstart"
     layout = (ROOT / "docs/reference/file-layout.md").read_text(encoding="utf-8")
@@ -441,7 +441,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"
-    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"])
+    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--figures", "--method", "sd+argmax"])
     for row in table("docs/reference/leaderboard.md", "file"):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])

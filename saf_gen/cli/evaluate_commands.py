@@ -82,8 +82,11 @@ def evaluate_command(
     failed: Annotated[
         bool, typer.Option("--failed", help="Repeat only what failed in the evaluation by the same options.")
     ] = False,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="Also draw figures for print, as SVG; the page needs none.")
+    ] = False,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Also write figures as PDF, in the width of a paper's column.")
+        bool, typer.Option("--pdf", help="Also write these figures as PDF, in the width of a paper's column.")
     ] = False,
 ) -> None:
     """Run focus methods on recordings, rank them, and write tables, figures and a page."""
@@ -99,6 +102,7 @@ def evaluate_command(
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.outcomes import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
+    from saf_gen.leaderboard.report.delivered import picture_answers
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
     for one in method or ():
@@ -118,7 +122,8 @@ def evaluate_command(
         with refuse_code(str(target)):
             for one in named:
                 admit_method(one, limits)
-    _print_selection(select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion), scene_motion)
+    selection = select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion)
+    _print_selection(selection, scene_motion)
     kept = KeptSequences(target / ".evaluation.unfinished")
     with lock_folder(target):
         with progress_bars() as bars:
@@ -142,7 +147,10 @@ def evaluate_command(
         print_kept(kept, splits={record.split for record in result.records})
         rows = rank_methods(result.records)
         title = data.resolve().name
-        written = write_evaluation(target, rows=rows, evaluation=result, title=title, pdf=pdf)
+        delivered = picture_answers(selection.tasks, result.records, rows=rows)
+        written = write_evaluation(
+            target, rows=rows, evaluation=result, title=title, figures=figures, pdf=pdf, delivered=delivered
+        )
         kept.remove()
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program

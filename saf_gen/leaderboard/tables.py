@@ -49,13 +49,18 @@ def _interval(
 # --- ranking -------------------------------------------------------------------------------------------
 
 
-def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard") -> Table:
-    """Return the leaderboard, with a column for each light schedule."""
+def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard", shaded: bool = False) -> Table:
+    """Return the leaderboard, with a column for each light schedule.
+
+    ``shaded`` is for pages, which shade the methods that are level with the best, where other writers have a ``~``.
+    """
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     apart = any(row.success_least_blur is not None for row in rows)
     judged = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
     columns = (*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ABSTAINING, *_ERROR, *_COST)
     shown = [replace(c, for_programs=True) if judged and c.name == "abstained" else c for c in columns]
+    if shaded:
+        shown[0] = replace(shown[0], meaning=SHADED, cell=lambda row: _format_rank(row).rstrip("~"))
     return Table(shown, rows, title, _mark)
 
 
@@ -87,6 +92,10 @@ def _count(number: int) -> str:
     return str(number or UNKNOWN)
 
 
+SHADED = (
+    "Rank by answerable success within 1 DoF; = marks a tie. Shaded: methods that cannot be told apart from any better "
+    "one."
+)
 _range = partial(_interval, detail=INTERVALS, optional=True)
 _success = partial(Column, format=percent, group="success", fraction=True)
 _error = partial(_number, detail=ALL, group="error")

@@ -10,6 +10,8 @@ from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.benchmark.thumbnails import Thumbnails
+from saf_gen.leaderboard.report.delivered import Delivered
+from saf_gen.stream.pictures.image_strip import lay_out_pictures
 
 LENS = np.linspace(0, 1, 800, dtype=np.float32)
 CENTRES = np.arange(0, 800, 50) + 24.5
@@ -42,6 +44,13 @@ def make_thumbnails(count=16, *, rows=20, columns=32):
     frames = (np.arange(count) + 0.5) * 800 / count - 0.5
     spikes = np.tile(np.arange(rows * columns).reshape(rows, columns) % 2, (count, 1, 1)).astype(np.uint8)
     return Thumbnails(images, images.astype(np.float32), spikes, frames, 800 // count, 1, (0.25, 0.125, 0.75, 0.875))
+
+
+def make_delivered():
+    """Return pictures at the answers of two methods."""
+    greys = [np.full((12, 12), grey, np.uint8) for grey in (200, 90)]
+    strip = lay_out_pictures(greys, count=2).encode("PNG")
+    return Delivered("camel-constant", strip, (("sd+argmax", 0.125), ("er_count+argmax", -4.0)), 8)
 
 
 def make_lens_path(method, light="constant", *, scene="camel", problem=""):
@@ -77,7 +86,11 @@ def make_records(*, seed=5):
                 continue
             error = float(random.normal(0, width))
             trace = tuple(random.uniform(0, 799, 6)) if "egs" in method else (400.0,)
-            more = {"seconds": float(random.uniform(0, 1)), "windows": int(random.integers(1, 99))}
+            more = {
+                "seconds": float(random.uniform(0, 1)),
+                "windows": int(random.integers(1, 99)),
+                "time_to_focus_s": 0.4,
+            }
             more |= {"blur_px": 2 * abs(error), "frames_seen": int(random.integers(100, 800)), "trace": trace}
             records.append(record(method, sequence, error, **fields, **more))
     return records

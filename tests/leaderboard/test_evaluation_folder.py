@@ -32,7 +32,8 @@ TABLES = {
     "records.jsonl",
 }
 OF_TWO_METHODS = {"figures/neighbours-in-rank.svg", "figures/profile-error_dof.svg"}
-CURVES = {"curves.csv", "measures.csv", "figures/curves-camel-constant.svg", *OF_TWO_METHODS}
+CURVES = {"curves.csv", "measures.csv"}
+DRAWN = {"figures/curves-camel-constant.svg", *OF_TWO_METHODS}
 ERRORS = "figures/errors-camel_test.svg"
 OPENING = "figures/depth-of-focus.svg"
 
@@ -71,7 +72,6 @@ def test_files_and_page_share_tables_that_are_computed_once(tmp_path, monkeypatc
     assert "\x1b" not in (tmp_path / "strange/index.html").read_text()
 
 
-@pytest.mark.usefixtures("drawn_figures")
 def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_path):
     """252 points are 3.5 inches."""
     write(tmp_path, of_one_method(), pdf=True)
@@ -89,19 +89,20 @@ def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_
     assert held(tmp_path) == TABLES | foreign
 
 
-@pytest.mark.usefixtures("drawn_figures")
 def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figure_of_it(tmp_path):
-    written = write(tmp_path, with_curves())
-    assert held(tmp_path) == TABLES | CURVES | {ERRORS, OPENING}
+    written = write(tmp_path, with_curves(), figures=True)
+    assert held(tmp_path) == TABLES | CURVES | DRAWN | {ERRORS, OPENING}
     assert {path.name for path in written.paths} == {*TABLES, "curves.csv", "measures.csv", "figures"}
     assert written.replaced == ""
     for name in ("notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"):
         (tmp_path / name).write_text("not ours")
-    written = write(tmp_path, of_one_method("fan"))
+    written = write(tmp_path, of_one_method("fan"), figures=True)
     assert written.replaced == "replaced the earlier evaluation of 2 methods"
     foreign = {"notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"}
     assert held(tmp_path) == TABLES | {"figures/errors-fan_test.svg", OPENING} | foreign
     assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
+    write(tmp_path, of_one_method("fan"))  # nobody asks for figures
+    assert held(tmp_path) == TABLES | foreign
 
 
 def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
@@ -114,7 +115,7 @@ def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
 def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
     (tmp_path / "figures").mkdir()
     (tmp_path / "curves.csv").write_text("t,y\n0,1\n")
-    (tmp_path / "index.html").write_text('<figure id="mine">')
+    (tmp_path / "index.html").write_text('<a href="figures/mine.svg">')
     (tmp_path / "figures/mine.svg").write_text("<svg/>")
     assert write(tmp_path, of_one_method()).replaced == ""
     assert held(tmp_path) == TABLES | {"curves.csv", "figures/mine.svg"}
@@ -185,20 +186,19 @@ def test_a_failure_before_all_is_written_leaves_the_earlier_evaluation_unchanged
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluation_folder, "plot_figures", stopped)
+    monkeypatch.setattr(evaluation_folder, "make_charts", stopped)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path, of_one_method("fan"))
     assert {name: (tmp_path / name).read_bytes() for name in held(tmp_path)} == before
 
 
-@pytest.mark.usefixtures("drawn_figures")
 def test_a_file_at_the_path_of_the_figures_is_refused_and_the_earlier_evaluation_stays(tmp_path):
-    write(tmp_path, of_one_method())
+    write(tmp_path, of_one_method(), figures=True)
     for figure in (ERRORS, OPENING):
         (tmp_path / figure).unlink()
     (tmp_path / "figures").rmdir()
     (tmp_path / "figures").write_text("in the way")
-    assert "figures" in str(refusal(write, tmp_path, of_one_method("fan")))
+    assert "figures" in str(refusal(write, tmp_path, of_one_method("fan"), figures=True))
     assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
     (tmp_path / "notes").write_text("a file")
     error = refusal(write, tmp_path / "notes", with_curves())

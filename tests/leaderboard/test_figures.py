@@ -1,4 +1,3 @@
-import io
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -9,13 +8,12 @@ import numpy as np
 import pytest
 from handmade_evaluations import CENTRES, LENS, make_lens_path, make_records, make_sweep, make_thumbnails
 from handmade_records import failed, record
-from PIL import Image
 
 from saf_gen.core.figure_style import MAX_MEASURES, VARIABLES, assign_styles, inline_svg, plot_to_svg
 from saf_gen.leaderboard.figures.comparisons import CONDITIONS, MAX_ROWS, bin_sequences, plot_condition, plot_errors
+from saf_gen.leaderboard.figures.depth_of_focus import plot_depth_of_focus
 from saf_gen.leaderboard.figures.figure import add_paper, describe_omissions, shorten
-from saf_gen.leaderboard.figures.pictures import image_strip, plot_depth_of_focus, spike_strip
-from saf_gen.leaderboard.figures.sweeps import locate_cursor, normalise, plot_curves, plot_lens_paths, plot_steps
+from saf_gen.leaderboard.figures.sweeps import plot_curves, plot_lens_paths, plot_steps
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +26,7 @@ def curves(one, records=(), styles=LOOKS):
 
 
 def main(figure):
-    return next(a for a in figure.axes if a.get_label() == "curves")
+    return figure.axes[1]  # below the answers
 
 
 def curves_of(axes):
@@ -37,12 +35,6 @@ def curves_of(axes):
 
 def legend(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-def test_normalised_scores_run_from_0_to_1_and_a_flat_curve_is_0():
-    assert normalise(np.array([3.0, 5.0, 4.0])).tolist() == [0, 1, 0.5]
-    assert normalise(np.array([2.0, 2.0])).tolist() == [0, 0]
-    assert np.isnan(normalise(np.array([np.nan, 1.0, 2.0]))[0])
 
 
 def test_a_figure_is_well_formed_the_same_each_time_and_changes_no_setting_of_matplotlib():
@@ -129,8 +121,6 @@ def test_a_sweep_without_curves_has_light_lens_truth_and_answers():
     assert legend(figure)[:2] == ["sd", "my_net"]
     assert 0.375 in [line.get_xdata()[0] for line in axes.get_lines()]
     assert light.collections
-    across = locate_cursor(figure, bare, frames=np.array([0.0, 799.0])).across
-    assert 0 < across[0] < across[1] < 1
 
     resting = make_sweep(measures=(), lens=np.concatenate([LENS[::2], LENS[::-2]]))
     figure = curves(resting, records, styles)
@@ -220,15 +210,6 @@ def test_over_frames_every_pass_of_the_truth_and_the_lens_are_drawn():
     assert pytest.approx(flat, abs=1) == [150, 400, 649]
 
 
-def test_the_cursor_of_a_frame_is_where_the_picture_has_it():
-    one = make_sweep()
-    figure = curves(one)
-    found = locate_cursor(figure, one, frames=np.array([0.0, 399.5, 799.0]))
-    left, right = main(figure).get_position().x0, main(figure).get_position().x1
-    assert found.across == pytest.approx([left, (left + right) / 2, right], abs=1e-3)
-    assert 0 < found.top < found.bottom == pytest.approx(1 - main(figure).get_position().y0)
-
-
 def test_errors_show_every_method_and_light_and_mark_what_gave_no_answer():
     records = [record("a+s", "x", 0.2), record("b+s", "x", -12.0), failed("c+s", "x", "abstained")]
     (axes,) = plot_errors(records, title="camel").axes
@@ -286,32 +267,6 @@ def test_steps_of_a_search_are_drawn_where_the_lens_was_in_frames_from_0():
     assert [float(line.get_ydata()[-1]) * 799 for line in ends] == pytest.approx([299, 299], abs=0.01)
     assert 0.375 in [line.get_ydata()[0] for line in figure.axes[0].get_lines()]
     assert plot_steps(make_sweep(), [alone], styles=LOOKS, title="t") is None
-
-
-def test_an_image_strip_holds_its_pictures_in_order_within_its_bytes():
-    made = image_strip(make_thumbnails(12).images, max_bytes=20_000)
-    sheet = np.asarray(Image.open(io.BytesIO(made.file)).convert("L"), dtype=float)
-    assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 12)
-    assert sheet.shape == (40, 256)
-    grey = [sheet[y : y + 20, x : x + 32].mean() for y in (0, 20) for x in range(0, 256, 32)]
-    assert grey[:12] == sorted(grey[:12])
-    assert grey[12:] == pytest.approx([0] * 4, abs=3)
-    noise = np.random.default_rng(1).integers(0, 9, (8, 88, 140)).astype(np.uint32)
-    large, small = (image_strip(noise, max_bytes=most) for most in (10**9, 4_000))
-    assert len(large.file) > 20_000
-    assert len(small.file) <= 4_000  # first with lower quality, then with smaller pictures
-    assert (large.size, small.count) == ((140, 88), 8)
-    assert small.size[0] < 140
-
-
-def test_single_readouts_are_shown_bit_for_bit():
-    spikes = np.random.default_rng(2).integers(0, 2, (10, 20, 32)).astype(np.uint8)
-    made = spike_strip(spikes)
-    sheet = np.asarray(Image.open(io.BytesIO(made.file)))
-    assert (made.columns, made.rows, made.size, made.count) == (8, 2, (32, 20), 10)
-    for number, frame in enumerate(spikes):
-        row, column = divmod(number, 8)
-        assert (sheet[20 * row : 20 * row + 20, 32 * column : 32 * column + 32] == frame).all()
 
 
 def pictures_of(axes):

@@ -117,9 +117,8 @@ def test_names_of_an_evaluation_are_escaped_for_page_and_figures():
     assert shown.failures[0].problem == r"\x07"
 
 
-@pytest.mark.usefixtures("drawn_figures")
 def test_names_in_other_scripts_are_text_in_the_figures_and_warn_of_nothing(tmp_path):
     records = tuple(record(f"网+{n}", "对焦", 0.1, light="光", scene="焦点") for n in (1, 2))
     made = Evaluation(records, (make_sweep("光", scene="焦点"),), ())
-    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="焦点")
+    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="焦点", figures=True)
     assert any("焦点" in path.read_text(encoding="utf-8") for path in (tmp_path / "figures").glob("*.svg"))

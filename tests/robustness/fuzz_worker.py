@@ -21,15 +21,8 @@ from fuzz_kinds import KINDS, Kind
 
 from saf_gen.cli import main
 from saf_gen.errors import SafGenError
-from saf_gen.leaderboard.report import evaluation_folder
 
 MAX_BYTES = 8 << 30
-FULL_REPORTS_EVERY = 40
-_plot = evaluation_folder.plot_figures
-
-
-def _plot_nothing(*_: object, **__: object) -> list[Any]:
-    return []
 
 
 def call(*arguments: str) -> tuple[int, str, str]:
@@ -116,7 +109,6 @@ def run_case(kind: Kind, seed: int, number: int) -> dict[str, Any]:
     raw, command = path.read_bytes(), rng.choice(kind.commands)
     keep = path.with_name(f"{path.name}.keep")
     shutil.copy2(path, keep)
-    evaluation_folder.plot_figures = _plot if (number + 1) % FULL_REPORTS_EVERY == 0 else _plot_nothing
     result: dict[str, Any] = {"kind": kind.name, "number": number, "file": name, "command": command}
     try:
         if rng.random() < 0.03:
@@ -179,7 +171,6 @@ def write_samples_in(root: Path, *, check: bool = False) -> None:
     root.mkdir(parents=True, exist_ok=True)
     os.chdir(root)
     if not (root / "packed").exists():
-        evaluation_folder.plot_figures = _plot_nothing
         samples.write_samples(root, lambda *arguments: call(*arguments)[0])
         if check:
             _check_samples(root)

@@ -46,7 +46,7 @@ from saf_gen.benchmark.records import read_records, record_to_json
 from saf_gen.cli import main, root_command
 from saf_gen.errors import BadInput
 from saf_gen.generate import run as generate_run
-from saf_gen.leaderboard.report import evaluation_folder
+from saf_gen.leaderboard.report import choose_figures
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
@@ -84,7 +84,7 @@ class Writer:
 
 def remember_figures(folder: Path) -> None:
     """Draw the figures of an evaluation once and then read them from a folder, as drawing does not change the disk."""
-    draw = evaluation_folder.plot_figures
+    draw = choose_figures.plot_figures
 
     def remembered(evaluation: Any, rows: Any, **options: Any) -> Any:
         path = folder / f"{'-'.join(row.method for row in rows)}-{len(evaluation.sweeps)}"
@@ -94,7 +94,7 @@ def remember_figures(folder: Path) -> None:
             )
         return pickle.loads(path.read_bytes())
 
-    evaluation_folder.plot_figures = remembered
+    choose_figures.plot_figures = remembered
 
 
 def state_of_stream(path: Path) -> Any:
@@ -137,7 +137,9 @@ WRITERS = (
     Writer("tune", ("tune", "data", *TRY, "--out", "out.json"), "out.json", state_of_tuned),
     Writer("generate", ("generate", "small.yaml", "--out", "out", "--variant", "scalar"), "out", state_of_dataset),
     Writer("leaderboard", ("leaderboard", "one", "two", "--out", "out"), "out", state_of_records),
-    Writer("evaluate", ("evaluate", "data", "--method", "sd+argmax", "--out", "out"), "out", state_of_records),
+    Writer(
+        "evaluate", ("evaluate", "data", "--method", "sd+argmax", "--figures", "--out", "out"), "out", state_of_records
+    ),
 )
 
 

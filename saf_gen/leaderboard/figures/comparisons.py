@@ -33,10 +33,10 @@ from saf_gen.leaderboard.figures.figure import (
     legend_height,
     new_figure,
     shorten,
-    split_method,
 )
 from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 from saf_gen.leaderboard.outcomes import mean_over_scenes, median_magnitude, right_within
+from saf_gen.leaderboard.sweep_lines import split_method
 
 BANDS = 3
 """Number of methods, best first, that have a band; more bands would hide each other."""
@@ -103,7 +103,8 @@ def plot_neighbours(neighbours: Sequence[NeighbourComparison], *, title: str) ->
         axes.set_ylim(len(shown) - 0.5, -0.5)
         axes.set_xlim(0, 1)
         axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "¼", "½", "¾", "1"])
-        axes.set_xlabel("probability that the upper method is nearer" + (f" ({note})" if note else ""))
+        words = "probability that the upper method is nearer" + (f" ({note})" if note else "")
+        axes.set_xlabel(words, loc="right")  # it may be wider than the axes, which leave half of the width to names
         axes.grid(axis="x", color=GREY, lw=0.6)
         axes.set_axisbelow(True)
         hide_spines(axes, "top", "right")

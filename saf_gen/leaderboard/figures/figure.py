@@ -14,12 +14,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.textpath import TextToPath
 
-from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.core.figure_style import COLUMN, PAPER, SOFT, STYLE, WIDTH, use_plot_style
 
-PDF_CREATOR = "saf-gen"
-PREDICTIONS_LABEL = "predictions"
-"""Label in place of a search, for answers of another program."""
 MAX_LABEL_CHARACTERS = 34
 """Largest length of a method name that labels a row, in characters."""
 TITLE, TITLE_LINE = 52, 0.16  # characters per line of the title; height of each further line, in inches
@@ -51,12 +47,6 @@ def shorten(name: str, limit: int) -> str:
         return name
     end = (limit - 1) // 2
     return f"{name[: limit - 1 - end]}…{name[len(name) - end :]}"
-
-
-def split_method(method: str) -> tuple[str, str]:
-    """Return the measure and the search of a method with their options, or the name and '' for predictions."""
-    measure, *search = split_halves(method)
-    return measure, search[0] if search else ""
 
 
 def legend_height(names: Sequence[str], *, columns: int = 2, note: str = "") -> float:
@@ -99,12 +89,12 @@ def _count_columns(names: Sequence[str], limit: int) -> int:
     return 1
 
 
-def to_pdf(figure: Figure) -> bytes:
+def to_pdf(figure: Figure, *, creator: str) -> bytes:
     """Return the figure as PDF with embedded fonts, scaled to the width of a column of a paper (3.5 inches)."""
     width, height = (72 * side for side in figure.get_size_inches())
     scale, buffer = 72 * COLUMN / width, io.BytesIO()
     with use_plot_style({**STYLE, "pdf.fonttype": 42}):
-        file = PdfFile(buffer, metadata={"CreationDate": None, "Creator": PDF_CREATOR})
+        file = PdfFile(buffer, metadata={"CreationDate": None, "Creator": creator})
         try:
             figure.set_dpi(72)
             file.newPage(scale * width / 72, scale * height / 72)

@@ -4,8 +4,7 @@ The focus curves are like Figures 4 to 7 of Su et al. (CVPR 2024).
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,37 +18,23 @@ from saf_gen.benchmark.judgement import lens_position
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath, SweepSummary
 from saf_gen.core.figure_style import BAND, GREY, INK, MAX_MEASURES, PAPER, SOFT, PlotStyle, hide_spines, use_plot_style
-from saf_gen.leaderboard.figures.figure import (
+from saf_gen.leaderboard.figures.figure import add_legend, describe_omissions, legend_height, new_figure, shorten
+from saf_gen.leaderboard.sweep_lines import (
     PREDICTIONS_LABEL,
-    add_legend,
-    describe_omissions,
-    legend_height,
-    new_figure,
-    shorten,
+    AnswersBySearch,
+    choose_answers,
+    find_runs,
+    frames_in_focus,
+    frames_to_axis,
+    group_answers,
+    group_coincident,
+    normalise,
+    position_axis,
     split_method,
+    truth_crossings,
 )
-from saf_gen.optics.focus_crossings import focus_crossings
 
 LENS_LINE: dict[str, Any] = {"color": SOFT, "lw": 0.9, "ls": (0, (7, 2))}
-
-
-def _position_axis(sweep: SweepSummary) -> np.ndarray | None:
-    """Return the focus position (T,) if it can be the axis, because the lens never turns back or rests; else None."""
-    lens = sweep.focus_position
-    if lens is None or len(lens) < 2:
-        return None
-    moves = np.sign(float(lens[-1]) - float(lens[0])) * np.diff(lens)
-    centres = np.interp(sweep.frames, np.arange(len(lens)), lens)
-    steps = np.abs(np.diff(centres)) if centres.size > 1 else np.abs(moves)
-    return lens if moves.min() >= 0 and moves.any() and steps.min() > 0.02 * steps.mean() else None
-
-
-def _frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that maps frames to the axis: the focus position if it can be the axis, else the frame."""
-    lens = _position_axis(sweep)
-    if lens is None:
-        return lambda frames: frames
-    return lambda frames: np.interp(frames, np.arange(len(lens)), lens)
 
 
 def _draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
@@ -58,7 +43,7 @@ def _draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
     With ``note``, an axis of frames also gets the position of the lens, and an axis of positions gets a text if the
     truth is outside it.
     """
-    over_frames = _position_axis(sweep) is None
+    over_frames = position_axis(sweep) is None
     if over_frames and sweep.focus_position is not None:
         _draw_truth_over_frames(axes, sweep, lens=sweep.focus_position, draw_lens=note)
         return
@@ -77,29 +62,6 @@ def _draw_truth(axes: Axes, sweep: SweepSummary, *, note: bool = True) -> None:
         axes.text(x, 0.9, text, transform=axes.get_yaxis_transform(), ha=side)
 
 
-def _frames_in_focus(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Return whether the lens is within the depth of focus in each frame, bool (T,); False if that is unknown."""
-    offset = _focus_offset(sweep, lens)
-    near, far = sorted(sweep.depth_of_focus)
-    return np.asarray((offset >= near - sweep.truth) & (offset <= far - sweep.truth))
-
-
-def _find_runs(where: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first and the stop index of each run of True in ``where``, bool (T,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], where.astype(int), [0]))))
-    return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
-
-
-def _truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Return the frames at which the lens crosses the truth."""
-    return focus_crossings(_focus_offset(sweep, lens), 0.0)
-
-
-def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
-    """Return lens minus truth in each frame, float64 (T,), as a fraction of the travel."""
-    return np.asarray(np.asarray(lens, dtype=np.float64) - (sweep.truth if sweep.track is None else sweep.track))
-
-
 def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray, draw_lens: bool) -> None:
     """Draw each crossing of the truth and the frames in which the lens is in focus.
 
@@ -112,14 +74,14 @@ def _draw_truth_over_frames(axes: Axes, sweep: SweepSummary, *, lens: np.ndarray
         if sweep.track is not None:
             moving = np.interp(frames, all_frames, sweep.track)
             axes.plot(frames, moving, color=INK, lw=0.9, ls=":", zorder=0.7)
-    for first, stop in _find_runs(_frames_in_focus(sweep, lens)):
+    for first, stop in find_runs(frames_in_focus(sweep, lens)):
         axes.axvspan(first, stop, color=BAND, alpha=0.45, lw=0, zorder=0.5)
-    axes.vlines(_truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
+    axes.vlines(truth_crossings(sweep, lens), 0, 1, color=INK, lw=1.1, zorder=0.6, transform=height)
 
 
 def _add_frame_axis(axes: Axes, sweep: SweepSummary, *, label: Axes) -> None:
     """Set the limits and label of the horizontal axis; an axis of positions gets frames along the top."""
-    lens = _position_axis(sweep)
+    lens = position_axis(sweep)
     if lens is None:
         label.set_xlim(0, sweep.frames[-1] + sweep.frames[0])
         label.set_xlabel("frame")
@@ -140,31 +102,7 @@ MAX_NAMES = 3
 """Largest number of measures named on one line of the legend; the number of others is given."""
 MAX_ROW_CHARACTERS = 18
 """Largest length of the label of a row, in characters."""
-AnswersBySearch = Mapping[str, Mapping[str, float]]
-"""Frame of each answer, by search, then by measure."""
 ROW, PLOT, REST = 0.22, 1.75, 0.95  # inches: a row of answers, the curves, margins
-CURVES = "curves"
-
-
-@dataclass(frozen=True)
-class Cursor:
-    """Positions of frames in a figure of focus curves, as fractions of its width and height."""
-
-    across: tuple[float, ...]
-    """Position of each frame, from the left."""
-    top: float
-    """Upper edge of the answers, from the top."""
-    bottom: float
-    """Lower edge of the curves, from the top."""
-
-
-def normalise(scores: np.ndarray) -> np.ndarray:
-    """Return scores (B,) scaled to the range 0 to 1; constant scores become 0, and NaN stays NaN."""
-    values = np.asarray(scores, dtype=np.float64)
-    finite = values[np.isfinite(values)]
-    if finite.size == 0 or finite.max() == finite.min():
-        return np.where(np.isfinite(values), 0.0, np.nan)
-    return np.asarray((values - finite.min()) / (finite.max() - finite.min()))
 
 
 def plot_curves(
@@ -180,13 +118,13 @@ def plot_curves(
     At most MAX_MEASURES lines and measures without a curve are drawn, lines first, in the order of ``styles``, and the
     answers of the first MAX_SEARCHES searches.
     """
-    answers = _group_answers(records, styles)
+    answers = group_answers(records, list(styles))
     curved = {curve.measure for curve in sweep.curves}
     answered = {measure for by_measure in answers.values() for measure in by_measure}
-    groups = _group_coincident(sweep, styles)[:MAX_MEASURES]
+    groups = group_coincident(sweep, list(styles))[:MAX_MEASURES]
     uncurved = [m for m in styles if m in answered and m not in curved][: MAX_MEASURES - len(groups)]
     shown = [measure for group in groups for measure in group] + uncurved
-    drawn = _choose_answers(answers, shown)
+    drawn = choose_answers(answers, shown, most=MAX_SEARCHES)
     note = describe_omissions(
         (len(drawn), len(answers), "searches"),
         (len(shown), sum(m in curved or m in answered for m in styles), "measures"),
@@ -197,8 +135,7 @@ def plot_curves(
         figure = new_figure(REST + ROW * len(drawn) + PLOT + below, title=title)
         ratios = [max(ROW * len(drawn), 0.01), PLOT]
         strip, axes = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": ratios, "hspace": 0.01})
-        axes.set_label(CURVES)
-        to_axis = _frames_to_axis(sweep)
+        to_axis = frames_to_axis(sweep)
         _draw_light(axes, sweep, x=to_axis(sweep.frames))
         by_name = {curve.measure: curve for curve in sweep.curves}
         for group in groups:
@@ -213,32 +150,11 @@ def plot_curves(
     return figure
 
 
-def locate_cursor(figure: Figure, sweep: SweepSummary, *, frames: np.ndarray) -> Cursor:
-    """Return the positions of ``frames`` (n,) in ``figure``, which plot_curves drew for ``sweep``."""
-    with use_plot_style():
-        figure.draw_without_rendering()
-    axes = next(a for a in figure.axes if a.get_label() == CURVES)
-    strip = figure.axes[0].get_position()
-    x = axes.transData.transform(np.column_stack([_frames_to_axis(sweep)(frames), np.zeros(len(frames))]))[:, 0]
-    across = np.clip(x / figure.bbox.width, 0, 1)
-    return Cursor(tuple(across.tolist()), float(1 - strip.y1), float(1 - axes.get_position().y0))
-
-
-def _group_answers(records: Sequence[Record], styles: Mapping[str, PlotStyle]) -> dict[str, dict[str, float]]:
-    """Return the frame of each answer of the measures in ``styles``, in the order of ``records``."""
-    answers: dict[str, dict[str, float]] = {}
-    for record in records:
-        measure, search = split_method(record.method)
-        if measure in styles and record.frame is not None:
-            answers.setdefault(search, {})[measure] = record.frame
-    return answers
-
-
 def _draw_answer_rows(
     axes: Axes, answers: AnswersBySearch, *, shown: Sequence[str], styles: Mapping[str, PlotStyle], sweep: SweepSummary
 ) -> None:
     """Draw one row per search; in each row, the measures of ``shown`` come first, in the order of ``shown``."""
-    to_axis = _frames_to_axis(sweep)
+    to_axis = frames_to_axis(sweep)
     for row, by_measure in enumerate(answers.values()):
         axes.axhline(row + 0.5, color=GREY, lw=0.6, zorder=0.1)
         ordered = [m for m in shown if m in by_measure] + [m for m in by_measure if m not in shown]
@@ -254,31 +170,10 @@ def _draw_answer_rows(
     hide_spines(axes, "left", "right", "top", "bottom")
 
 
-def _group_coincident(sweep: SweepSummary, styles: Mapping[str, PlotStyle]) -> list[list[str]]:
-    """Return groups of measures with the same curve, in the order of ``styles``."""
-    drawn = {c.measure: normalise(c.scores) for c in sweep.curves}
-    groups: list[list[str]] = []
-    for measure in (name for name in styles if name in drawn):
-        for group in groups:
-            a, b = drawn[measure], drawn[group[0]]
-            if a.shape == b.shape and np.allclose(a, b, atol=1e-3, equal_nan=True):
-                group.append(measure)
-                break
-        else:
-            groups.append([measure])
-    return groups
-
-
-def _choose_answers(answers: AnswersBySearch, shown: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Return the answers of the measures in ``shown``, of the first MAX_SEARCHES searches that have any."""
-    chosen = {s: {m: f for m, f in frames.items() if m in shown} for s, frames in answers.items()}
-    return dict([(search, frames) for search, frames in chosen.items() if frames][:MAX_SEARCHES])
-
-
 def _set_height(axes: Axes, sweep: SweepSummary, *, has_curves: bool) -> None:
     """Label the vertical axis as scores or, without curves, as the drawn focus position; otherwise hide it."""
     axes.set_ylim(0, 1.03)
-    over_frames = _position_axis(sweep) is None and sweep.focus_position is not None
+    over_frames = position_axis(sweep) is None and sweep.focus_position is not None
     if has_curves or over_frames:
         axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
         axes.set_ylabel("focus score, normalised" if has_curves else "focus position")
@@ -313,7 +208,7 @@ def _list_legend(
     names += uncurved
     handles += [Patch(color=GREY), (Patch(color=BAND, alpha=0.45), Line2D([], [], color=INK, lw=1.1))]
     names += ["light (mean counts)", "true focus, its depth of focus"]
-    if _position_axis(sweep) is None and sweep.focus_position is not None:
+    if position_axis(sweep) is None and sweep.focus_position is not None:
         handles.append(Line2D([], [], **LENS_LINE))
         names.append("focus position, 0 to 1")
     return handles, names
@@ -338,8 +233,8 @@ def plot_steps(
     found, note = _by_search([(r.method, r) for r in records if len(r.trace) >= MIN_STEPS], styles)
     if not found:
         return None
-    to_axis = _frames_to_axis(sweep)
-    over_frames = _position_axis(sweep) is None
+    to_axis = frames_to_axis(sweep)
+    over_frames = position_axis(sweep) is None
     measures = list(dict.fromkeys(m for group in found.values() for m in group))
     with use_plot_style():
         figure, panels = _panels(list(found), measures, styles=styles, title=title, note=note)
@@ -448,7 +343,7 @@ def _zero_based_trace(record: Record) -> np.ndarray:
 def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
     """Draw the truth and its depth of focus as horizontal lines and bands; on an axis of frames, every crossing."""
     lens = sweep.focus_position
-    if _position_axis(sweep) is not None:
+    if position_axis(sweep) is not None:
         if all(map(math.isfinite, sweep.depth_of_focus)):
             axes.axhspan(*sorted(sweep.depth_of_focus), color=BAND, alpha=0.45, lw=0)
         if math.isfinite(sweep.truth):
@@ -457,7 +352,7 @@ def _draw_truth_across(axes: Axes, sweep: SweepSummary) -> None:
         if math.isfinite(sweep.truth_frame):
             axes.axhline(sweep.truth_frame, color=INK, lw=1.0)
     else:
-        for first, stop in _find_runs(_frames_in_focus(sweep, lens)):
+        for first, stop in find_runs(frames_in_focus(sweep, lens)):
             axes.axhspan(first, stop, color=BAND, alpha=0.45, lw=0)
-        for frame in _truth_crossings(sweep, lens):
+        for frame in truth_crossings(sweep, lens):
             axes.axhline(frame, color=INK, lw=1.0)

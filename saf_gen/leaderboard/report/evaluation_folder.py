@@ -30,12 +30,14 @@ from saf_gen.core.files import (
 )
 from saf_gen.core.plain_text import escape_all_text, plural
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.leaderboard.figures.figure import PDF_CREATOR, add_paper, to_pdf
 from saf_gen.leaderboard.files import LEADERBOARD_FILES, Results, compute_results, write_curves, write_leaderboard
+from saf_gen.leaderboard.method_comparison import MethodComparison
 from saf_gen.leaderboard.ranking import LeaderboardRow
-from saf_gen.leaderboard.report.choose_figures import plot_figures
+from saf_gen.leaderboard.report.charts import make_charts
+from saf_gen.leaderboard.report.delivered import Delivered
 from saf_gen.leaderboard.report.page import build_page
 
+PDF_CREATOR = "saf-gen"
 STAGING = "evaluation"
 STALE = "stale.txt"
 PAGE, FIGURES = "index.html", "figures"
@@ -46,7 +48,7 @@ MARKS = {RECORDS_FILE: '"saf-gen record ', "leaderboard.json": '"saf-gen leaderb
 """Files that say at their beginning that they are of an evaluation; its page says so, too."""
 FILES = (*LEADERBOARD_FILES, RECORDS_FILE, *CURVES, PAGE)
 _FIGURE_FILE = re.compile(rf"{FIGURES}/[\w.-]+\.(svg|pdf)")
-_FIGURE = re.compile(r'<figure id="([\w.-]+)">')
+_FIGURE = re.compile(rf'href="{FIGURES}/([\w.-]+)\.svg"')
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,14 @@ class WrittenEvaluation:
 
 
 def write_evaluation(
-    folder: str | Path, *, evaluation: Evaluation, rows: Sequence[LeaderboardRow], title: str, pdf: bool = False
+    folder: str | Path,
+    *,
+    evaluation: Evaluation,
+    rows: Sequence[LeaderboardRow],
+    title: str,
+    figures: bool = False,
+    pdf: bool = False,
+    delivered: Delivered | None = None,
 ) -> WrittenEvaluation:
     """Write the tables, curves, page and figures of an evaluation, replacing an earlier evaluation in the folder.
 
@@ -75,8 +84,12 @@ def write_evaluation(
         Rows of its leaderboard, best first.
     title : str
         Heading of the page.
+    figures : bool, default False
+        Whether to draw printed figures, too, as figures/NAME.svg.
     pdf : bool, default False
-        Whether to write each figure as PDF too.
+        Whether to write each figure as PDF as well, as wide as a column of a paper; it implies ``figures``.
+    delivered : Delivered, optional
+        What some methods delivered, for the page.
 
     Returns
     -------
@@ -97,7 +110,16 @@ def write_evaluation(
                 part, rows=rows, records=evaluation.records, failures=evaluation.failures, results=results
             )
             staged += write_curves(part, evaluation.curves)
-            staged += write_report(part, rows=rows, evaluation=evaluation, title=title, pdf=pdf, results=results)
+            staged += write_report(
+                part,
+                rows=rows,
+                evaluation=evaluation,
+                title=title,
+                figures=figures,
+                pdf=pdf,
+                delivered=delivered,
+                results=results,
+            )
             paths = tuple(final / path.relative_to(part) for path in staged)
             _publish(part, final)
     except OSError as error:
@@ -133,23 +155,30 @@ def write_report(
     evaluation: Evaluation,
     rows: Sequence[LeaderboardRow],
     title: str,
+    figures: bool = False,
     pdf: bool = False,
+    delivered: Delivered | None = None,
     results: Results | None = None,
 ) -> list[Path]:
-    """Draw the figures of an evaluation, and write its page and figures. Each file is replaced atomically.
+    """Write the page of an evaluation and, if they are asked for, its figures. Each file is replaced atomically.
 
     Parameters
     ----------
     folder : str or Path
-        Folder in which index.html and figures/NAME.svg are written.
+        Folder in which index.html and figures/ are written.
     evaluation : Evaluation
         The evaluation.
     rows : sequence of LeaderboardRow
         Rows of its leaderboard, best first.
     title : str
         Heading of the page.
+    figures : bool, default False
+        Whether to draw printed figures, too, as figures/NAME.svg.
     pdf : bool, default False
-        Whether to write each figure as figures/NAME.pdf too, as wide as a column of a paper.
+        Whether to write each figure as figures/NAME.pdf as well, as wide as a column of a paper; it implies
+        ``figures``.
+    delivered : Delivered, optional
+        What some methods delivered, for the page.
     results : Results, optional
         Results of the evaluation, if they have been computed already.
 
@@ -168,15 +197,28 @@ def write_report(
     evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
     if results is None or evaluation is not original:  # the results need the escaped names
         results = compute_results(rows, evaluation.records)
-    figures = plot_figures(evaluation, rows, comparison=results.comparison)
-    for figure in figures:
+    names = _draw_figures(out, evaluation, rows=rows, comparison=results.comparison, pdf=pdf) if figures or pdf else []
+    charts = make_charts(evaluation, rows, comparison=results.comparison)
+    text = build_page(evaluation, rows, title=title, charts=charts, figures=names, delivered=delivered, results=results)
+    write_text(out / PAGE, text)
+    return [out / PAGE, *([out / FIGURES] if names else [])]
+
+
+def _draw_figures(
+    out: Path, evaluation: Evaluation, *, rows: Sequence[LeaderboardRow], comparison: MethodComparison, pdf: bool
+) -> list[str]:
+    """Write the printed figures and return their names."""
+    # Imported late because loading matplotlib takes a second.
+    from saf_gen.leaderboard.figures.figure import add_paper, to_pdf
+    from saf_gen.leaderboard.report.choose_figures import plot_figures
+
+    drawn = plot_figures(evaluation, rows, comparison=comparison)
+    for figure in drawn:
         write_text(out / FIGURES / f"{figure.name}.svg", add_paper(figure.svg))
         if pdf:
             with atomic_file(out / FIGURES / f"{figure.name}.pdf") as file:
-                file.write_bytes(to_pdf(figure.figure))
-    text = build_page(evaluation, rows, title=title, figures=figures, results=results)
-    write_text(out / PAGE, text)
-    return [out / PAGE, *([out / FIGURES] if figures else [])]
+                file.write_bytes(to_pdf(figure.figure, creator=PDF_CREATOR))
+    return [figure.name for figure in drawn]
 
 
 def _describe_earlier(folder: Path, *, splits: Set[str | None]) -> str:

@@ -9,7 +9,6 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from saf_gen.core.figure_style import inline_svg
 from saf_gen.core.table import Table, percent
 from saf_gen.leaderboard.tables import USUAL
 
@@ -32,10 +31,10 @@ def load_templates() -> Environment:
     )
     templates.filters["base64"] = lambda data: base64.b64encode(data).decode()
     templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
-    templates.filters["inline_svg"] = lambda svg, label: Markup(inline_svg(svg, label=label))
     templates.filters["fold_rules"] = _format_fold_rules
     templates.filters["link_sources"] = _link_sources
     templates.filters["percent"] = percent
+    templates.filters["breakable"] = lambda method: Markup(re.sub("([+:,])", r"\1<wbr>", str(escape(method))))
     templates.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
     return templates
 

@@ -1,35 +1,48 @@
-"""The page of an evaluation: one HTML file that contains its style, script and figures, and needs no network."""
+"""The page of an evaluation: one HTML file that contains its style, script and charts, and needs no network."""
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from math import inf
 
+from markupsafe import Markup
+
 from saf_gen import __version__
 from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.plain_text import plural
-from saf_gen.core.table import Table
+from saf_gen.core.table import Column, Table, percent
 from saf_gen.leaderboard import tables
-from saf_gen.leaderboard.axes import AXES, BLOCK_READOUTS, Axis, group_by_bin, keep_largest, largest_bins
+from saf_gen.leaderboard.axes import AXES, Axis, group_by_bin, keep_largest, largest_bins
 from saf_gen.leaderboard.files import Results, compute_results
 from saf_gen.leaderboard.notes import grain_by_scene, notes_on
 from saf_gen.leaderboard.outcomes import describe_size, group_by
 from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.report.choose_figures import OPENING, ReportFigure
+from saf_gen.leaderboard.report.charts import Chart, plot_times
+from saf_gen.leaderboard.report.delivered import Delivered
 from saf_gen.leaderboard.report.html import hash_script, load_templates, read_asset
+from saf_gen.leaderboard.sweep_lines import split_method
 
-SCRIPTS = ("tables.js", "board.js", "compare.js", "viewer.js")
+SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "board.js", "compare.js", "charts.js", "viewer.js")
+STYLES = ("uplot/uPlot.min.css", "page.css")
 MAX_FAILURES = 100
-COMPARISONS = ("profile", "neighbours")
-"""Kinds of figures that compare methods on all sequences."""
 MAX_ANSWERS = 100
 """Largest number of rows in the table of single answers, with and without the script."""
 MAX_HELD = 5000
 """Number of answers above which the page holds only a selection for its script, so that its size stays limited."""
 WORST_OF_METHOD = 20
+NAMED_LEADERS = 3
+OURS = "This project"
+"""Beginning of the source of a measure or search that was published here."""
+EVERYBODYS = "Exhaustive search"
+"""In the source of a search that needs no reference."""
+YEARS_MEANING = (
+    "Years of the measure and, if it has a source, of the search; here: this project. The link leads to them."
+)
+_DOI = re.compile(r"doi:\S+")
 SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.split)
 _SWEEP = (
     "Grey: the light, as mean counts. Yellow: the depth of focus around the true focus. At the top: the "
@@ -37,55 +50,25 @@ _SWEEP = (
     "shows the time between two spikes in its middle, and spikes is one readout of a part of the sensor, magnified. "
     "Measures look inside the outlined box."
 )
-OPENING_CAPTION = (
-    "Width of the target's blur against the distance of the lens from the true focus. Inside the yellow band the blur"
-    " is at most one pixel wide."
-)
-OPENING_PICTURES = (
-    "Above: a detail of the target as the camera saw it at the dots, with their distances in depths of focus."
-)
-FIGURE_CAPTIONS = {
+CHART_CAPTIONS = {
+    "profile": (
+        "Performance profiles",
+        "Fraction of answers within each limit, over the sequences that have one: a higher line is better."
+        " profiles.csv has the intervals of all methods, which are ranked by their fractions at one depth of focus.",
+    ),
     "curves": (
         "Focus curves",
         "The curve of each measure, scaled by its minimum and maximum. A curve that follows the grey area follows the "
         f"light, not the focus. {_SWEEP}",
     ),
     "sweep": ("Sweeps", f"No method computed a complete focus curve of these, as the search argmax would. {_SWEEP}"),
-    "errors": (
-        "Errors",
-        "Answer minus truth of each method, with one mark per sequence; if there are many, a mark shows their median "
-        "and a line the middle 90 %. The yellow band is success within one depth of focus.",
-    ),
-    "steps": ("Steps of the searches", "The position that a search examined at each step, and the true focus."),
     "lens": (
         "Path of the lens",
-        "The position of the lens over time, and the true focus. A line ends where the lens was judged; "
-        "a cross marks a method that failed.",
-    ),
-    "profile": (
-        "Performance profiles",
-        "Fraction of answers within each limit, over the sequences that have one: a higher line is better. The bands,"
-        " for the first three methods, are 95 % intervals of each point alone; profiles.csv has them for all methods."
-        " Methods are ranked by their fractions at the line at one depth of focus.",
-    ),
-    "neighbours": (
-        "Probability of improvement",
-        "Probability that the upper of two neighbours in rank is nearer to the truth on a sequence (ties count"
-        " half), with 95 % intervals of each pair alone. One half means no improvement; because methods are ranked by"
-        " success, the probability may be lower.",
-    ),
-    "light-ratio": (
-        "Against the light ratio",
-        "Answerable success within one depth of focus (above) and median error (below) against the light ratio "
-        "(brightest divided by darkest light). Dots are single answers.",
-    ),
-    "photon-budget": (
-        "Against the photon budget",
-        "Answerable success within one DoF (above) and median error (below) against the mean counts per pixel in a "
-        f"block of {BLOCK_READOUTS} readouts. Dots are single answers.",
+        "The position of the lens over time, and the true focus in its depth of focus. A line ends where the lens was "
+        "judged.",
     ),
 }
-"""Heading and caption of each kind of figure."""
+"""Heading and caption of each kind of chart."""
 NEIGHBOUR_CAPTION = (
     "Methods that follow each other in rank: their difference in answerable success within 1 DoF, and the probability"
     " that the first is nearer to the truth on a sequence, with 95 % intervals of each pair alone. Told apart:"
@@ -154,12 +137,12 @@ class Selection:
 
 
 @dataclass(frozen=True)
-class FigureGroup:
-    """The figures of one kind in a section, under a heading and a caption."""
+class ChartGroup:
+    """The charts of one kind in a section, under a heading and a caption."""
 
     heading: str
     caption: str
-    figures: Sequence[ReportFigure]
+    charts: Sequence[Chart]
 
 
 @dataclass(frozen=True)
@@ -168,7 +151,7 @@ class PageSection:
 
     id: str
     heading: str
-    figures: Sequence[FigureGroup] = ()
+    charts: Sequence[ChartGroup] = ()
     axes: Sequence[tuple[Axis, Table]] = ()
     table: Table | None = None
     caption: str = ""
@@ -179,7 +162,9 @@ def build_page(
     rows: Sequence[LeaderboardRow],
     *,
     title: str,
-    figures: Sequence[ReportFigure] = (),
+    charts: Sequence[Chart] = (),
+    figures: Sequence[str] = (),
+    delivered: Delivered | None = None,
     results: Results | None = None,
 ) -> str:
     """Return the page of an evaluation as HTML, which is readable without its script.
@@ -192,8 +177,12 @@ def build_page(
         Rows of its leaderboard, best first.
     title : str
         Heading, such as the name of the dataset.
-    figures : sequence of ReportFigure, optional
-        Figures of the page.
+    charts : sequence of Chart, optional
+        Charts of the page.
+    figures : sequence of str, optional
+        Names of the figures beside the page, as ``figures/NAME.svg``.
+    delivered : Delivered, optional
+        What some methods delivered.
     results : Results, optional
         Results of the evaluation, if they have been computed already.
 
@@ -212,7 +201,6 @@ def build_page(
     codes = {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records}
     numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
-    opening = next((figure for figure in figures if figure.kind == OPENING), None)
     script = read_asset(*SCRIPTS)
     return (
         load_templates()
@@ -221,17 +209,18 @@ def build_page(
             title=title,
             script=script,
             script_hash=hash_script(script),
-            style=read_asset("page.css"),
+            style=read_asset(*STYLES),
             summary=_summarise(rows, records),
             judged=_say_what_is_judged(records),
-            opening=opening,
-            opening_caption=[OPENING_CAPTION, *([OPENING_PICTURES] if opening and "<image" in opening.svg else [])],
-            leaders=[row for row in rows if row.rank == 1],
+            headline=_headline(rows, records),
+            scatter=plot_times(rows),
+            delivered=delivered,
+            figures=figures,
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
-            sections=_list_sections(evaluation, results or compute_results(rows, records), figures=figures),
+            sections=_list_sections(evaluation, results or compute_results(rows, records), charts=charts),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
-            board=tables.ranking(rows),
+            board=add_years(tables.ranking(rows, shaded=True), plugins),
             ranked=ranked,
             notes=" ".join(notes_on(rows, records)),
             answers=replace(answers, rows=answers.rows[:MAX_ANSWERS]),
@@ -282,6 +271,61 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
     )
 
 
+def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Markup:
+    """Return who wins or, if other methods cannot be told apart from the first, how little the scenes can say."""
+    leaders = [row for row in rows if row.rank == 1]
+    if not leaders:
+        return Markup(
+            "No sequence has a known truth within reach of its lens, so methods are not ranked and the table shows only"
+            " their cost."
+        )
+    best, others = leaders[0], len(rows) - len(leaders)
+    level = sum(bool(row.level_with_best) for row in rows if row.rank != 1)
+    more = f" and {len(leaders) - NAMED_LEADERS} more" if len(leaders) > NAMED_LEADERS else ""
+    names = Markup(", ").join(Markup("<code>{}</code>").format(row.method) for row in leaders[:NAMED_LEADERS]) + more
+    right = f"right on {percent(best.answerable_1dof or 0.0)} of {plural(best.answerable or 0, 'sequence')}"
+    scenes = plural(len({record.scene if record.variant is None else (record.scene, record.variant)
+                         for record in records}), "scene")  # fmt: skip
+    if len(rows) == 1:
+        return Markup("{}: {}.").format(names, right)
+    if level == others and (others or len(leaders) > 1):
+        return Markup("<strong>Undecided: {} cannot tell these {} apart.</strong> {} {} most often {}.").format(
+            scenes, plural(len(rows), "method"), names, "is" if len(leaders) == 1 else "are", right
+        )
+    if level or len(leaders) > 1:
+        them = "it" if len(leaders) == 1 else "them"
+        rest = f"{level} of the other {others} methods, shaded, cannot be told apart from {them}" if level else (
+            "every other method can be told apart"
+        )  # fmt: skip
+        return Markup("<strong>{} {}</strong>, {}; {}.").format(
+            names, "leads" if len(leaders) == 1 else "lead together", right, rest
+        )
+    return Markup("<strong>{} wins</strong>: {}, and every other method can be told apart from it.").format(
+        names, right
+    )
+
+
+def add_years(board: Table, plugins: Sequence[PluginDescription]) -> Table:
+    """Return the leaderboard with the years of each measure and search, which lead to their papers and code."""
+    sources = {(one.plugin_kind, one.name): dict(one.facts).get("source", "") for one in plugins}
+
+    def years(row: LeaderboardRow) -> str | None:
+        measure, search = split_method(row.method)
+        known = [_year(sources.get(("measures", measure), "")), _year(sources.get(("searches", search), ""))]
+        return " + ".join(filter(None, known)) or None
+
+    at = next(number for number, column in enumerate(board.columns) if column.name == "method") + 1
+    column = Column("from", years, meaning=YEARS_MEANING, detail=tables.USUAL, link="#methods", optional=True)
+    return replace(board, columns=[*board.columns[:at], column, *board.columns[at:]])
+
+
+def _year(source: str) -> str:
+    """Return the year of the first reference of a source; "here" for our own, '' for none."""
+    first = _DOI.sub("", source.partition("[2]")[0])
+    found = re.search(r"\b(?:19|20)\d\d\b", first)
+    return "here" if first.startswith(OURS) else "" if EVERYBODYS in first or not found else found[0]
+
+
 def _say_what_is_judged(records: Sequence[Record]) -> str:
     """Return sentences about the task of the methods and what is judged."""
     if {record.track for record in records} == {"closed_loop"}:
@@ -307,12 +351,10 @@ def _list_code(plugins: Sequence[PluginDescription]) -> dict[tuple[str, str], st
     return {file: f"code-{number}" for number, file in enumerate(files, start=1)}
 
 
-def _list_sections(evaluation: Evaluation, results: Results, *, figures: Sequence[ReportFigure]) -> list[PageSection]:
+def _list_sections(evaluation: Evaluation, results: Results, *, charts: Sequence[Chart]) -> list[PageSection]:
     """Return the sections that are not empty: comparison of methods, scenes, conditions, measures and grain."""
-    by_scene = group_by(figures, "scene")
-    general = by_scene.pop("", [])
-    conditions = _group_figures([figure for figure in general if figure.kind not in COMPARISONS])
-    compared = _group_figures([figure for figure in general if figure.kind in COMPARISONS])
+    by_scene = group_by(charts, "scene")
+    compared = _group_charts(by_scene.pop("", []))
     by_axis = [(one.axis, tables.by_bin(one)) for one in map(keep_largest, results.axes) if len(one.bins) > 1]
     sections = []
     if pairs := results.comparison.neighbours:
@@ -320,12 +362,12 @@ def _list_sections(evaluation: Evaluation, results: Results, *, figures: Sequenc
             PageSection("neighbours", "Methods compared", compared, (), tables.neighbours(pairs), NEIGHBOUR_CAPTION)
         )
     sections += [
-        PageSection(f"scene-{number}", scene, _group_figures(own))
+        PageSection(f"scene-{number}", scene, _group_charts(own))
         for number, (scene, own) in enumerate(by_scene.items(), start=1)
     ]
-    if conditions or by_axis:
+    if by_axis:
         agreed = tables.agreement(results.agreement) if results.agreement else None
-        sections.append(PageSection("conditions", "By condition", conditions, by_axis, agreed, AGREEMENT_CAPTION))
+        sections.append(PageSection("conditions", "By condition", (), by_axis, agreed, AGREEMENT_CAPTION))
     if curves := evaluation.curves:
         table = tables.measures(curves)
         sections.append(PageSection("measures", "Curves of the measures", table=table, caption=MEASURES_CAPTION))
@@ -335,12 +377,12 @@ def _list_sections(evaluation: Evaluation, results: Results, *, figures: Sequenc
     return sections
 
 
-def _group_figures(report_figures: Sequence[ReportFigure]) -> list[FigureGroup]:
+def _group_charts(charts: Sequence[Chart]) -> list[ChartGroup]:
     groups = []
-    for kind, (heading, caption) in FIGURE_CAPTIONS.items():
-        if figures := [figure for figure in report_figures if figure.kind == kind]:
-            omissions = dict.fromkeys(figure.omission for figure in figures if figure.omission)
-            groups.append(FigureGroup(heading, " ".join([caption, *omissions]), figures))
+    for kind, (heading, caption) in CHART_CAPTIONS.items():
+        if own := [chart for chart in charts if chart.kind == kind]:
+            omissions = dict.fromkeys(chart.omission for chart in own if chart.omission)
+            groups.append(ChartGroup(heading, " ".join([caption, *omissions]), own))
     return groups
 
 

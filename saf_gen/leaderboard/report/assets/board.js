@@ -143,10 +143,12 @@ if (board !== null) {
   setView(location.hash.includes("=") ? location.hash.slice(1) : "");
 }
 
-// A link to a closed details element opens it.
+// A link to something in closed details elements, or to a folded section, opens them.
 const openTarget = () => {
   const target = location.hash.length > 1 ? document.getElementById(location.hash.slice(1)) : null;
-  if (target?.tagName === "DETAILS") target.open = true;
+  for (let around = target; around; around = around.parentElement) if (around.tagName === "DETAILS") around.open = true;
+  const fold = target?.querySelector(":scope > details.fold");
+  if (fold) fold.open = true;
 };
 window.addEventListener("hashchange", openTarget);
 openTarget();

@@ -1,0 +1,126 @@
+"""The viewer of the pictures of a sweep: image strips from which the page shows one picture at a time."""
+
+import itertools
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite, nan
+
+import numpy as np
+
+from saf_gen.benchmark.judgement import judged_dof
+from saf_gen.benchmark.results import SweepSummary
+from saf_gen.benchmark.thumbnails import Thumbnails
+from saf_gen.core.display_tone import display_gamma, white_level
+from saf_gen.leaderboard.sweep_lines import frames_to_axis
+from saf_gen.stream.pictures.image_strip import ImageStrip, PictureSheet, lay_out_pictures, shrink_picture
+
+WIDTH = 280
+"""Largest width of one picture, in pixels."""
+WHITE_QUANTILE = 0.998  # glints, the brightest pixels, are clipped
+QUALITIES, SHRINKAGES = (60, 40, 25, 15), (1, 1.5, 2, 3)
+EFFORT = 2  # of WebP, 0 to 6: half the time of the usual 4, for files that are a few percent larger
+TRIED_FIRST, MARGIN = 8, 1.2
+"""Every eighth picture is encoded first. If these exceed their part of the bytes by more than a factor of 1.2, the next
+quality or size is tried, because all pictures would be too large."""
+MAX_TFP_BYTES, MAX_TFI_BYTES = 100_000, 80_000
+"""Largest sizes of the image strips of a viewer. With spikes at 1 bit per pixel, about 55,000 bytes, twelve viewers
+take 4 MB."""
+
+
+@dataclass(frozen=True)
+class SequenceViewer:
+    """The pictures of a sweep, each with its position on the axis of the curves and a description."""
+
+    sequence: str
+    strips: tuple[tuple[str, str, ImageStrip], ...]
+    """Name, meaning and pictures of each way to display spikes; all show the same moments."""
+    x: tuple[float, ...]
+    """Position of each picture on the axis of the sweep's chart: in travels, or in frames."""
+    descriptions: tuple[str, ...]
+    start: int
+    """Number of the picture shown first: the nearest to the focus or, if the focus is unknown, the middle one."""
+    region_box: tuple[float, float, float, float]
+    """Top, left, bottom and right edges of the region where measures look, as fractions of the picture."""
+
+
+def build_viewer(sweep: SweepSummary) -> SequenceViewer | None:
+    """Return the viewer of a sweep, or None if the sweep has no pictures."""
+    pictures = sweep.thumbnails
+    if pictures is None:
+        return None
+    offsets = _focus_offsets(sweep, pictures)
+    known = np.isfinite(offsets).any()
+    return SequenceViewer(
+        sweep.sequence,
+        (
+            ("TFP", "spikes counted", image_strip(pictures.images, max_bytes=MAX_TFP_BYTES)),
+            ("TFI", "time between two spikes", image_strip(pictures.textures, max_bytes=MAX_TFI_BYTES)),
+            ("spikes", "one readout, magnified", spike_strip(pictures.spikes)),
+        ),
+        tuple(round(float(x), 4) for x in frames_to_axis(sweep)(pictures.frames)),
+        tuple(_describe_picture(sweep, float(f), offset=o) for f, o in zip(pictures.frames, offsets, strict=True)),
+        int(np.nanargmin(np.abs(offsets))) if known else len(offsets) // 2,
+        pictures.box,
+    )
+
+
+def _focus_offsets(sweep: SweepSummary, pictures: Thumbnails) -> np.ndarray:
+    """Return lens minus true focus at each picture, as a fraction of the travel; NaN if either is unknown."""
+    lens = sweep.focus_position
+    if lens is None:
+        return np.full(len(pictures.frames), nan)
+    frames = np.arange(len(lens))
+    truth = sweep.truth if sweep.track is None else np.interp(pictures.frames, frames, sweep.track)
+    return np.asarray(np.interp(pictures.frames, frames, lens) - truth)
+
+
+def _describe_picture(sweep: SweepSummary, frame: float, *, offset: float) -> str:
+    parts = [f"frame {frame:,.0f}"]
+    if (lens := sweep.focus_position) is not None:
+        parts.append(f"lens at {np.interp(frame, np.arange(len(lens)), lens):.3f}")
+    if isfinite(offset) and (depth := judged_dof(sweep.depth_of_focus)) is not None:
+        parts.append(f"{offset / depth:+.1f} DoF from the focus".replace("-", "−"))
+    if len(sweep.rate):
+        parts.append(f"{np.interp(frame, sweep.frames, sweep.rate):.3f} spikes per pixel and readout")
+    return ", ".join(parts)
+
+
+def image_strip(images: np.ndarray, *, max_bytes: int) -> ImageStrip:
+    """Return pictures of linear light (n, h, w) as WebP, in at most ``max_bytes`` if any quality and size allows it.
+
+    The quality is reduced first, then the size, because noise needs many bytes and averages out in smaller pictures.
+    All pictures have the same white level, so that less light looks darker. A few pictures are encoded first to skip
+    qualities and sizes that would be too large.
+    """
+    white = white_level(images, quantile=WHITE_QUANTILE)
+    few = images[::TRIED_FIRST]
+    max_few_bytes = MARGIN * max_bytes * len(few) / len(images)
+
+    @cache
+    def sheet(shrinkage: float, *, all_of_them: bool) -> PictureSheet:
+        return _lay_out(images if all_of_them else few, white, shrinkage=shrinkage)
+
+    def encode(shrinkage: float, quality: int, *, all_of_them: bool = True) -> ImageStrip:
+        return sheet(shrinkage, all_of_them=all_of_them).encode("WEBP", quality=quality, method=EFFORT)
+
+    *larger, last = itertools.product(SHRINKAGES, QUALITIES)
+    for shrinkage, quality in larger:
+        if len(encode(shrinkage, quality, all_of_them=False).file) <= max_few_bytes:
+            strip = encode(shrinkage, quality)
+            if len(strip.file) <= max_bytes:
+                return strip
+    return encode(*last)
+
+
+def _lay_out(images: np.ndarray, white: float, *, shrinkage: float) -> PictureSheet:
+    rows, columns = images.shape[1:]
+    width = max(round(min(columns, WIDTH) / shrinkage), 1)
+    size = width, max(round(rows * width / columns), 1)
+    greys = (255 * display_gamma(shrink_picture(image, size), white) for image in images)
+    return lay_out_pictures((grey.round().astype(np.uint8) for grey in greys), count=len(images))
+
+
+def spike_strip(spikes: np.ndarray) -> ImageStrip:
+    """Return readouts (n, h, w) of 0 and 1 as PNG with one bit per pixel, in which spikes are white."""
+    greys = (np.asarray(frame, dtype=np.uint8) * 255 for frame in spikes)
+    return lay_out_pictures(greys, count=len(spikes), two_tone=True).encode("PNG", optimize=True)
