@@ -217,6 +217,24 @@ def make_captured_dataset(factory: pytest.TempPathFactory, name: str, changes: t
 
 
 @pytest.fixture
+def readable_figures(monkeypatch) -> Iterator[None]:
+    """Fail the test if it saves a figure in which texts overlap or are cut off by a side."""
+    from figure_texts import overlapping_texts
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    found, save = [], FigureCanvasBase.print_figure
+
+    def check(canvas, *arguments, **options):
+        result = save(canvas, *arguments, **options)
+        found.extend(overlapping_texts(canvas.figure))
+        return result
+
+    monkeypatch.setattr(FigureCanvasBase, "print_figure", check)
+    yield
+    assert found == []
+
+
+@pytest.fixture
 def call(capsys) -> Callable[..., tuple[int, str, str]]:
     """Return a function that runs saf-gen in this process and returns (exit code, stdout, stderr)."""
 

@@ -28,6 +28,8 @@ from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.scene.scene_folder import find_scene, scene_names
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
 
+pytestmark = pytest.mark.usefixtures("readable_figures")
+
 SENSOR = get_sensor("vidar_400x250", rows=20, columns=32, pitch_m=60e-6)
 DRIVES = {
     "image_distance": (ImageDistanceDrive(0.025, 2.0, (0.6, 0.42)), 0.5),

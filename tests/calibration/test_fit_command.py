@@ -18,6 +18,8 @@ from saf_gen.cli import main
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
+pytestmark = pytest.mark.usefixtures("readable_figures")
+
 CAMERA = get_sensor("vidar_400x250", threshold_noise_rms=0.02, reset_loss=0.01)
 SHAPE = (24, 40)
 

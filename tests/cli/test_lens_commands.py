@@ -7,6 +7,8 @@ from PIL import Image
 from saf_gen.cli import main
 from saf_gen.optics.lens_file.fitted_file import read_lens
 
+pytestmark = pytest.mark.usefixtures("readable_figures")
+
 
 def exit_code(*words):
     with pytest.raises(SystemExit) as stop:

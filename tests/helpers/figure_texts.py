@@ -40,5 +40,5 @@ def hidden_labels(figure: Figure) -> set[Text]:
             low, high = sorted(limits)
             used = {label for label in axis.get_ticklabels(which="both") if low <= label.get_position()[at] <= high}
             kept = {label for tick in (*axis.majorTicks, *axis.minorTicks) for label in (tick.label1, tick.label2)}
-            hidden |= kept - used if axis.get_visible() else {*kept, *used, axis.label}
+            hidden |= kept - used if axis.get_visible() and axes.axison else {*kept, *used, axis.label}
     return hidden

@@ -25,6 +25,8 @@ from saf_gen.stream.pictures.timeline import BINS, choose_windows, describe_mome
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
+pytestmark = pytest.mark.usefixtures("readable_figures")
+
 FRAMES, ROWS, COLUMNS, FLASH = 1_200, 20, 32, 700
 BOX = (slice(5, 15), slice(8, 24))
 
