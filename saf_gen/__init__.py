@@ -14,6 +14,8 @@ get_light, get_motion, get_measure, get_search
     Return a light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` describes each.
 measure
     Turn a function into a focus measure.
+sample
+    Return the folder of a small dataset that comes with saf_gen.
 read_leaderboard
     Return the ranking of one or several evaluations, which a notebook shows as a table.
 """
@@ -29,6 +31,7 @@ _HOMES = {
     "open_stream": "stream.stream_file",
     "write_stream": "stream.stream_writer",
     "SpikeWindows": "stream.spike_windows",
+    "sample": "stream.sample_dataset",
     "get_measure": "plugins.measures",
     "measure": "plugins.measures",
     "get_search": "plugins.searches",

@@ -15,11 +15,13 @@ from inline_jobs import run_jobs_inline
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 from saf_gen.authoring import jobs
-from saf_gen.cli import main
+from saf_gen.cli import _terminal, main
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.execution import run_jobs
 from saf_gen.generate import run
 from saf_gen.scene.trusted_folders import register_folder
+
+_terminal.out.width = 400  # tables of commands that tests call have all columns
 
 WORKERS = 8
 """Largest number of processes of a complete test run; each needs about a gigabyte of memory."""

@@ -68,7 +68,7 @@ def run_commands(code, commands, **how):
 
 @pytest.mark.slow
 def test_the_wheel_brings_every_scene_and_recipe_of_the_checkout(installed):
-    for kind in ("scenes", "recipes"):
+    for kind in ("scenes", "recipes", "datasets/sample"):
         own, shipped = CHECKOUT / kind, installed / "site" / "saf_gen" / "shipped" / kind
         files = {path.relative_to(own) for path in own.rglob("*") if path.is_file()}
         files = {path for path in files if not any(part.startswith((".", "__")) for part in path.parts)}  # caches
@@ -112,6 +112,7 @@ def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp
     refused = ["generate quickstart", "scenes check usaf_target", "scenes preview usaf_target"]
     works = ["recipes check quickstart", "scenes list", "scenes new mine"]
     works.append(f"evaluate {stream} --method sd+argmax --out {tmp_path / 'out'}")
+    works.append("evaluate sample --method sd+argmax")
     without = f"import sys\nsys.modules['mitsuba'] = sys.modules['drjit'] = None\n{RUN_EACH}"
     done = run_commands(without, [*refused, *works, "generate quickstart --dry-run"], cwd=empty)
     line = "rendering needs the packages mitsuba and drjit; pip install 'saf-gen[render]'"
@@ -121,4 +122,5 @@ def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp
     assert last == "exit code 0"
     assert "focal stacks to render: usaf_target" in done.stdout.split(AFTER_EACH)[-2]
     assert len((tmp_path / "out/records.jsonl").read_text().splitlines()) == 1
-    assert [path.name for path in empty.iterdir()] == ["scenes"]
+    assert sorted(path.name for path in empty.iterdir()) == ["sample-evaluation", "scenes"]
+    assert len((empty / "sample-evaluation/records.jsonl").read_text().splitlines()) == 3

@@ -1,4 +1,4 @@
-"""Tables that fit the terminal: prose is folded, then columns are left out, but names and figures are never cut."""
+"""Tables that fit the width: prose is folded, then columns are left out, but names and figures are never cut."""
 
 import json
 import math
@@ -27,7 +27,7 @@ PROSE_WIDTH = 22
 
 
 def print_table(table: Table, *, where_to_find: str = "", as_json: bool = False) -> None:
-    """Print a table: at full width to a pipe or file, or fitted to the width of the terminal.
+    """Print a table that fits the terminal or, to a pipe or file, the columns that COLUMNS states, or 120.
 
     Parameters
     ----------
@@ -51,11 +51,9 @@ def print_table(table: Table, *, where_to_find: str = "", as_json: bool = False)
         return Measurement.get(out, out.options.update(max_width=100_000), build(shown))
 
     shown = columns
-    if not out.is_terminal:
-        out.width = max(out.width, measure(shown).maximum)
-    elif measure(shown).minimum > out.width:
+    if measure(shown).minimum > out.width:
         shown = _choose_columns(columns, fits=lambda some: measure(some).minimum <= out.width)
-    out.print(build(shown, fold_all=out.is_terminal and measure(shown).minimum > out.width))
+    out.print(build(shown, fold_all=measure(shown).minimum > out.width))
     if left_out := [column.header for column in columns if column not in shown]:
         found = f" ({where_to_find})" if where_to_find else ""
         out.print(f"Columns that do not fit here: {', '.join(left_out)}{found}")
@@ -71,7 +69,7 @@ def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: 
     from saf_gen.leaderboard.notes import notes_on
     from saf_gen.leaderboard.tables import ranking
 
-    print_table(ranking(rows, title=title), where_to_find="leaderboard.md, the page and a pipe show them")
+    print_table(ranking(rows, title=title), where_to_find="leaderboard.md and the page show them, and a larger COLUMNS")
     for note in notes_on(rows, records) if records else ():
         out.print(note)
 

@@ -41,10 +41,13 @@ def _prepare_streams() -> None:
 
 
 MIN_COLUMNS = 10
+PIPED_COLUMNS = 120
+"""Width of what is printed to a pipe or file, in characters, unless COLUMNS says another."""
 _prepare_streams()
 
 # No markup, because names are printed verbatim: brackets in a path are not markup.
-out = _PlainConsole(width=None if sys.stdout.isatty() else 160, markup=False, highlight=False)
+_width = None if sys.stdout.isatty() else int(os.environ.get("COLUMNS", PIPED_COLUMNS))
+out = _PlainConsole(width=_width, markup=False, highlight=False)
 err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 
 LOG_EVERY_S = 30.0

@@ -41,7 +41,12 @@ OperationRate = Annotated[
 
 
 def evaluate_command(
-    source: Annotated[Path, typer.Argument(help="Dataset folder or stream file, here or at s3://BUCKET/NAME.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="Dataset folder or stream file, here or at s3://BUCKET/NAME; or sample, which comes with saf_gen."
+        ),
+    ],
     *,
     split: Annotated[
         str | None, typer.Option(help="Split to rank, or all of them together (default: test, or the only split).")
@@ -103,6 +108,7 @@ def evaluate_command(
     from saf_gen.leaderboard.outcomes import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
     from saf_gen.leaderboard.report.delivered import picture_answers
+    from saf_gen.stream.sample_dataset import SAMPLE, sample
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
     for one in method or ():
@@ -111,7 +117,9 @@ def evaluate_command(
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep, op_rate=op_rate)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
     data = find_path(source)
-    if isinstance(data, StorePath):
+    if str(source) == SAMPLE and not source.exists():
+        data, target = sample(), folder or Path(f"{SAMPLE}-{name}")
+    elif isinstance(data, StorePath):
         target = folder or Path(f"{data.stem}-{name}")
     else:
         target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))

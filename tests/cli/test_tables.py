@@ -1,7 +1,10 @@
 """Tables in a terminal: nothing that is printed is cut; columns that do not fit are left out and named."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from operator import itemgetter
 
 import numpy as np
@@ -59,13 +62,25 @@ def test_a_table_fits_and_no_name_or_figure_is_cut(terminal, capsys, width, left
     assert (f"Columns that do not fit here: {', '.join(left_out)} (in a file)" in joined(shown)) == bool(left_out)
 
 
-def test_a_pipe_has_all_of_a_table(monkeypatch, capsys):
-    monkeypatch.setattr(_tables, "out", Console(width=30, force_terminal=False))
+def test_a_table_in_a_pipe_fits_and_names_what_it_leaves_out(monkeypatch, capsys):
+    monkeypatch.setattr(_tables, "out", Console(width=120, force_terminal=False))
     print_table(Table([Column(f"column_{i:02}", itemgetter(i), detail=i) for i in range(40)], [["0.123456"] * 40]))
     shown = capsys.readouterr().out
-    assert shown.count("0.123456") == 40
-    assert "do not fit" not in shown
-    assert all(f"column_{i:02}" in shown for i in range(40))
+    columns = shown.count("0.123456")
+    assert 5 < columns < 12
+    assert max(map(len, shown.splitlines()[:4])) <= 120
+    assert f"Columns that do not fit here: column_{columns:02}, column_{columns + 1:02}" in joined(shown)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("columns", "width"), [(None, 120), ("200", 200), ("60", 60)])
+def test_a_pipe_is_as_wide_as_columns_says_or_120(columns, width):
+    environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    environment |= {} if columns is None else {"COLUMNS": columns}
+    command = [sys.executable, "-m", "saf_gen", "methods"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
+    widest = max(map(len, shown.splitlines()))
+    assert width * 0.75 < widest <= width
 
 
 @pytest.mark.parametrize(
