@@ -1,0 +1,87 @@
+"""How many scenes tell two methods apart: draws smaller benchmarks from the records of a large one.
+
+Each drawn benchmark has some of the scenes of an evaluation, without repetition, with all their lights, and is ranked
+as a benchmark of its own. Printed for each number of scenes and each method: how often the method is told apart from a
+better one, and the mean half width of the interval of its difference to the best.
+"""
+
+import argparse
+import lzma
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from saf_gen.benchmark.records import Record, read_records
+from saf_gen.core.table import Column, Table, percent
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.ranking import LeaderboardRow
+
+COUNTS = 5, 10, 20, 40, 80, 120, 240
+DRAWS, SEED = 40, 1
+METHODS = (
+    "vollath_f4_n+block_vote",
+    "gradient_code_n+egs_code",
+    "sd_code+egs_code",
+    "sd_code+argmax",
+    "gradient_code+egs_code",
+    "sd_tfi+argmax",
+    "mfdct_code+argmax",
+)
+"""The best of saf_bench-v3, and methods that are behind it by 4 to 40 points."""
+
+
+def draw_tables(records: Sequence[Record], count: int, *, draws: int, seed: int = SEED) -> list[list[LeaderboardRow]]:
+    """Return the rankings of ``draws`` benchmarks of ``count`` scenes of the records."""
+    scenes = sorted({(record.scene, record.variant or 0) for record in records})
+    random = np.random.default_rng(seed)
+    tables = []
+    for _ in range(draws if count < len(scenes) else 1):
+        chosen = {scenes[number] for number in random.choice(len(scenes), min(count, len(scenes)), replace=False)}
+        drawn = [record for record in records if (record.scene, record.variant or 0) in chosen]
+        tables.append(list(rank_methods(drawn)))
+    return tables
+
+
+def summarise(records: Sequence[Record], counts: Sequence[int], *, draws: int) -> Table:
+    """Return one row for each method but the first: its gap and, for each number of scenes, how it is told apart."""
+    whole = {row.method: row.answerable_1dof or 0.0 for row in rank_methods(records)}
+    best = max(whole, key=lambda method: whole[method])
+    tables = {count: draw_tables(records, count, draws=draws) for count in counts}
+
+    def cell(method: str, count: int) -> str:
+        found = [next(row for row in rows if row.method == method) for rows in tables[count]]
+        apart = np.mean([not row.level_with_best for row in found])
+        widths = [
+            (row.behind_best_high - row.behind_best_low) / 2
+            for row in found
+            if row.behind_best_low is not None and row.behind_best_high is not None
+        ]
+        return f"{percent(float(apart))} (±{100 * np.mean(widths):.0f})" if widths else percent(float(apart))
+
+    columns = [
+        Column("method", str, kind="name"),
+        Column("behind, points", lambda method: f"{100 * (whole[best] - whole[method]):.0f}", kind="number"),
+        *(Column(f"{n} scenes", str, cell=lambda method, n=n: cell(method, n), kind="number") for n in counts),  # type: ignore[misc]
+    ]
+    return Table(columns, [method for method in sorted(whole, key=whole.__getitem__, reverse=True) if method != best])
+
+
+def main() -> None:
+    """Print the table."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("records", type=Path, help="records.jsonl, or records.jsonl.xz")
+    options.add_argument("--draws", type=int, default=DRAWS, help=f"benchmarks of each size (default: {DRAWS})")
+    given = options.parse_args()
+    with TemporaryDirectory() as folder:
+        plain = given.records
+        if plain.suffix == ".xz":
+            plain = Path(folder) / "records.jsonl"
+            plain.write_bytes(lzma.decompress(given.records.read_bytes()))
+        records = [record for record in read_records(plain) if record.method in METHODS]
+    print(summarise(records, COUNTS, draws=given.draws).to_markdown())
+
+
+if __name__ == "__main__":
+    main()
