@@ -66,6 +66,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         "List, create, check and draw scenes.",
         {
             "list": scene_commands.list_scenes_command,
+            "show": scene_commands.show_scene_command,
             "new": scene_commands.new_scene_command,
             "check": scene_commands.check_scenes_command,
             "preview": scene_commands.preview_command,

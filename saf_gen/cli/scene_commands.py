@@ -1,15 +1,15 @@
-"""The commands ``scenes list``, ``new``, ``check`` and ``preview``."""
+"""The commands ``scenes list``, ``show``, ``new``, ``check`` and ``preview``."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.text import Text
 
-from saf_gen.cli._tables import print_json, print_table
-from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, progress_bars
+from saf_gen.cli._tables import print_facts, print_json, print_table
+from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, print_error, progress_bars
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput, SafGenError
 
@@ -149,32 +149,88 @@ def _print_finding(finding: dict[str, str], as_json: bool) -> None:
         out.print(Text.assemble(*parts), soft_wrap=True)
 
 
+def show_scene_command(name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")]) -> None:
+    """Show a scene's card: lens, light groups, target, parameters, motion, licence, and where its picture is."""
+    scene = _scene(name)
+    card, picture = scene.card, scene.folder / "preview.png"
+    lux, rate = card.illuminance_lux, card.slices_per_s
+    lights = (f"{light} ({lux[light]:g} lux)" if light in lux else light for light in card.lights)
+    facts = {
+        "title": card.title,
+        "lens": card.lens.summary,
+        "lenses": ", ".join(card.lenses),
+        "light groups": ", ".join(lights),
+        "target": ", ".join(card.target),
+        "parameters": "; ".join(f"{key} {_describe_range(value)}" for key, value in card.params.items()),
+        "moves": f"{', '.join(card.motion) or 'yes'}, {rate:g} slices per second" if rate else "",
+        "licence": card.licence,
+        "source": " ".join(card.source.split()),
+        "folder": str(scene.folder),
+        "picture": str(picture) if picture.is_file() else f"none yet: saf-gen scenes preview {name}",
+    }
+    print_facts({key: text for key, text in facts.items() if text}, title=card.id)
+
+
 def preview_command(
-    name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")],
+    names: Annotated[list[str], typer.Argument(help="Names or folders of scenes.")],
     *,
     target: Annotated[
-        Path | None, typer.Option("--out", help="PNG, PDF or SVG (default: preview.png in the scene's folder).")
+        Path | None,
+        typer.Option(
+            "--out", help="PNG, PDF or SVG (default: preview.png in the scene's folder); for several scenes, a folder."
+        ),
     ] = None,
     sensor: SensorName = SENSOR,
     variant: Variant = "auto",
 ) -> None:
-    """Draw a contact sheet of a scene: images, depth, light groups, histogram, focus curves, family."""
+    """Draw contact sheets of scenes: images, depth, light groups, histogram, focus curves, family."""
     from saf_gen.authoring.jobs import PreviewJob, run_scene_jobs
     from saf_gen.camera import get_sensor
 
-    scene, camera = _scene(name), get_sensor(sensor)
-    path = target or scene.folder / "preview.png"
+    scenes, camera = [_scene(name) for name in dict.fromkeys(names)], get_sensor(sensor)
+    if len(scenes) > 1 and target is not None:
+        if target.suffix or target.is_file():
+            raise BadInput(
+                f"--out {target} is one file for {len(scenes)} scenes", hint="give a folder, or one scene at a time"
+            )
+        target.mkdir(parents=True, exist_ok=True)
+    paths = [
+        scene.folder / "preview.png" if target is None else target if len(scenes) == 1 else target / f"{scene.id}.png"
+        for scene in scenes
+    ]
+    jobs = [PreviewJob(scene, camera, path, variant) for scene, path in zip(scenes, paths, strict=True)]
+    ended = failed = 0
     with progress_bars() as bars:
-        task = bars.add_task(f"preview {scene.id}", total=1)
+        task = bars.add_task(jobs[0].name, total=len(jobs))
 
         def report(name: str, done: float) -> None:
-            bars.update(task, description=name, completed=done)
+            bars.update(task, description=name, completed=ended + done)
 
-        job = PreviewJob(scene, camera, path, variant)
-        ((_, _, error),) = run_scene_jobs([job], report, notify=err.print)
-    if error is not None:
-        raise error if isinstance(error, BadInput) else SafGenError(f"scene {scene.id!r}: {error}")
-    out.print(str(path), soft_wrap=True)
+        for job, _, error in run_scene_jobs(jobs, report, notify=err.print):
+            ended += 1
+            bars.update(task, completed=ended)
+            if error is None:
+                out.print(str(job.path), soft_wrap=True)
+                continue
+            problem = error if isinstance(error, BadInput) else SafGenError(f"scene {job.scene.id!r}: {error}")
+            if len(jobs) == 1:
+                raise problem
+            failed += 1
+            print_error(str(problem), 1)
+    if failed:
+        raise typer.Exit(1)
+
+
+def _describe_range(value: Any) -> str:
+    """Return the value of a parameter, or the range or choice from which members draw it."""
+    match value:
+        case {"choice": choices}:
+            return "one of " + ", ".join(map(str, dict.fromkeys(choices)))
+        case {"uniform": [low, high]}:
+            return f"{low} to {high}"
+        case {"log_uniform": [low, high]}:
+            return f"{low} to {high} (log-uniform)"
+    return str(value)
 
 
 def _scene(name: str) -> "Scene":

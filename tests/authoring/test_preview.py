@@ -24,6 +24,7 @@ from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.figure_style import COLUMN_STYLE, use_plot_style
+from saf_gen.errors import BadInput
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.scene.scene_folder import find_scene, scene_names
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
@@ -245,3 +246,43 @@ def test_a_sheet_of_another_ending_is_refused_before_anything_is_rendered(tmp_pa
     monkeypatch.setattr("saf_gen.authoring.scene_sheet.make_sheet", lambda *args, **how: pytest.fail("rendered"))
     for name in ("sheet", "sheet.jpg", "sheet.PNG.gz"):
         assert ".png" in refusal(preview_scene, None, SENSOR, path=tmp_path / name).allowed
+
+
+def test_show_says_what_a_scene_is_and_where_its_picture_is(call):
+    code, out, _ = call("scenes", "show", "fan")
+    shown = " ".join(out.split())
+    assert code == 0
+    for text in (
+        "lens 35 mm f/1.2",
+        "light groups lamp (1250 lux), daylight (800 lux)",
+        "target target_body, target_hub",
+        "blades one of 3, 4, 5; phase_deg 0 to 360",
+        "moves yes, 625 slices per second",
+        "licence Apache-2.0",
+        "saf-gen scenes preview fan",
+    ):
+        assert text in shown
+    assert "0.5 to 5 (log-uniform)" in " ".join(call("scenes", "show", "assorted")[1].split())
+    assert call("scenes", "show", "fann")[0] == 2
+
+
+def test_one_of_several_scenes_that_cannot_be_drawn_costs_itself_alone(call, call_scenes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def draw(scene, sensor, *, path, **options):
+        if scene.id == "bad":
+            raise BadInput("it is empty")
+        path.write_bytes(b"drawn")
+
+    monkeypatch.setattr("saf_gen.authoring.scene_sheet.preview_scene", draw)
+    for name in ("mine", "bad", "yours"):
+        assert call("scenes", "new", name)[0] == 0
+    code, out, err = call_scenes("preview", "mine", "bad", "yours", "mine", "--out", "sheets")
+    assert code == 1
+    assert sorted(path.name for path in (tmp_path / "sheets").iterdir()) == ["mine.png", "yours.png"]
+    assert out.split() == ["sheets/mine.png", "sheets/yours.png"]
+    assert "it is empty" in err
+    code, _, err = call_scenes("preview", "mine", "yours", "--out", "one.png")
+    assert code == 2
+    assert "one.png is one file for 2 scenes" in err
+    assert not (tmp_path / "one.png").exists()
