@@ -149,6 +149,7 @@ def fit_command(
     """
     from saf_gen.calibration.fit_files import FITTED, fitted_files, write_fit
     from saf_gen.calibration.fit_sensor import fit_sensor
+    from saf_gen.calibration.fit_summary import summarise_fit
     from saf_gen.calibration.recordings import open_recording
     from saf_gen.camera import get_sensor
     from saf_gen.core.files import check_ours, check_writable, read_start, refuse_link
@@ -184,6 +185,8 @@ def fit_command(
             report=_reporter(bars, "fit"),
         )
         written = write_fit(found, target)
+    for line in summarise_fit(found, base=base_sensor):
+        out.print(line, soft_wrap=True)
     _print_estimates(found.estimates, f"sensor {name}")
     for note in found.notes:
         out.print(f"note: {note}", soft_wrap=True)

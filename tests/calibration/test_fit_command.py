@@ -1,6 +1,7 @@
 """``sensors fit``: its files and output, bounds from one recording, and errors."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -82,6 +83,17 @@ def test_a_fit_writes_a_sensor_that_is_read_and_a_page(fit, recordings, tmp_path
     assert re.search(r"^threshold_spread_rms: \S+  # not determined; at most ", text, re.MULTILINE)
     assert "rates cannot separate white response from threshold spread" in shown
     assert "dark_rate" in shown
+    noise, dark, uneven, against, unknown = shown.splitlines()[:5]
+    truth = 100 * math.sqrt(1 / CAMERA.threshold_e + CAMERA.threshold_noise_rms**2)
+    value, low, high = map(float, re.findall(r"([\d.]+)%", noise))
+    assert low <= truth * 1.02
+    assert high >= truth * 0.98
+    assert value == pytest.approx(truth, rel=0.1)
+    rate, _ = re.findall(r"[\d.]+", dark)
+    assert float(rate) == pytest.approx(found["dark_rate"]["value"] * 20_000, rel=0.01)
+    assert 3 < float(re.search(r"([\d.]+)% rms", uneven)[1]) < 9  # 5.6 % by the card of the camera
+    assert re.match(r"against vidar_400x250: 2\.[3-6] × its noise, (0\.9|1)\d* × its dark rate; \d", against)
+    assert unknown.endswith("taken from vidar_400x250: pitch, quantum efficiency, fill factor, wavelength")
     assert "dark_rate" in (tmp_path / "out/mine.html").read_text()
 
 
