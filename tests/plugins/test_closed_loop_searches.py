@@ -13,6 +13,7 @@ from saf_gen import get_search
 from saf_gen.benchmark import method_spec
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.core.config.source_digest import class_source_digests
+from saf_gen.plugins.searches._lens_commanding import divide_interval
 
 RATIO = (math.sqrt(5) - 1) / 2
 PROMISES = {
@@ -211,3 +212,19 @@ def test_the_measure_of_a_search_is_checked_and_in_the_code_digest(monkeypatch):
     parse_method("sd_code+coarse_to_fine:far=brenner_n_tfi")
     files = {Path(name).stem for name, _ in read}
     assert {"brenner", "sd_code", "_moments", "coarse_to_fine", "_lens_commanding"} <= files
+
+
+def test_two_samples_at_the_end_of_the_travel_that_differ_by_rounding_leave_no_gap():
+    """Steps of 0.08, 0.03, 0.03, 0.03, ten of 0.08 and one of 0.03 add up to 1 − 10⁻¹⁶: one more step follows."""
+
+    def curve(p):
+        slope = 2.0 * (min(p, 0.14) + max(p - 0.89, 0.0))
+        return math.exp(slope)
+
+    view = IdealCamera(curve, start=0.0)
+    answer = get_search("rule_based")(view)
+    assert view.commands[-2:] == pytest.approx([1.0, 1.0], abs=1e-12)
+    assert view.commands[-2] != view.commands[-1]
+    assert answer.position == pytest.approx(1.0, abs=1e-6)
+    assert divide_interval(1 - 1e-16, 1.0, step=0.01) == pytest.approx([1.0, 1.0])
+    assert divide_interval(0.0, 0.02, step=0.01) == [0.0, 0.01, 0.02]

@@ -233,7 +233,7 @@ def check_steps(coarse: float, fine: float) -> None:
 
 def divide_interval(low: float, high: float, *, step: float) -> list[float]:
     """Return evenly spaced positions from ``low`` to ``high``, both included, at most ``step`` apart."""
-    parts = math.ceil(round((high - low) / step, 6))
+    parts = max(math.ceil(round((high - low) / step, 6)), 1)  # ends may differ by rounding alone
     return [low + (high - low) * k / parts for k in range(parts + 1)]
 
 
