@@ -12,7 +12,7 @@ from typing import Any
 
 from saf_gen.benchmark.method_spec import Method, parse_method, split_halves, split_options, split_region
 from saf_gen.benchmark.records import Record
-from saf_gen.core.config.registry import build_plugin, is_builtin_name, plugin_class
+from saf_gen.core.config.registry import FORM_SUFFIXES, build_plugin, is_builtin_name, names, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
@@ -68,8 +68,8 @@ def describe_plugins(methods: Iterable[Method]) -> tuple[PluginDescription, ...]
     """Return descriptions of the measures of these methods and then of the searches, without repetitions."""
     found: dict[tuple[str, str], PluginDescription] = {}
     for method in methods:
-        names = split_halves(split_region(method.name)[0])
-        halves = names[0], names[-1]  # a method in a folder has one name
+        parts = split_halves(split_region(method.name)[0])
+        halves = parts[0], parts[-1]  # a method in a folder has one name
         if method.guest is not None:
             for half, kind in zip(halves, ("measures", "searches"), strict=True):
                 found.setdefault((kind, half), take_description(half, kind, said=method.guest.plugins))
@@ -105,7 +105,7 @@ def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...
     methods = []
     for name, code in recorded.items():
         halves = [split_options(half)[0] for half in split_halves(split_region(name)[0])]
-        if len(halves) != 2 or not all(map(is_builtin_name, ("measures", "searches"), halves)):
+        if len(halves) != 2 or not all(map(_is_builtin, ("measures", "searches"), halves)):
             continue
         try:
             method = parse_method(name)
@@ -114,6 +114,17 @@ def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...
         if method.code == code:
             methods.append(method)
     return describe_plugins(methods)
+
+
+def _is_builtin(plugin_kind: str, name: str) -> bool:
+    """Return whether a name is that of a plug-in of saf_gen, or of a form of one of its measures, such as ``sd_tfi``.
+
+    A form goes by the name of its measure, but only where nobody has registered a plug-in by its full name.
+    """
+    if name in names(plugin_kind) or plugin_kind != "measures":
+        return is_builtin_name(plugin_kind, name)
+    bare = next((name.removesuffix(suffix) for suffix in FORM_SUFFIXES if name.endswith(suffix)), name)
+    return bare != name and _is_builtin(plugin_kind, bare)
 
 
 def build_or_class(plugin_kind: str, name: str) -> Any:

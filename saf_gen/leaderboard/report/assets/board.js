@@ -120,9 +120,9 @@ if (board !== null) {
     writeAddress();
   };
 
-  for (const link of board.querySelectorAll("td.name a")) { // on a narrow screen a name breaks before its search
-    const [measure, ...search] = link.textContent.split("+");
-    if (search.length) link.replaceChildren(`${measure}+`, document.createElement("wbr"), search.join("+"));
+  for (const link of board.querySelectorAll("td.name a")) { // on a narrow screen a name breaks after these signs
+    const parts = link.textContent.split(/(?<=[+:,=])/);
+    link.replaceChildren(...parts.flatMap((part) => [part, document.createElement("wbr")]).slice(0, -1));
   }
   board.addEventListener("click", (event) => {
     const row = event.target.closest("a")?.closest("tr");
