@@ -34,6 +34,8 @@ MAX_ANSWERS = 100
 MAX_HELD = 5000
 """Number of answers above which the page holds only a selection for its script, so that its size stays limited."""
 WORST_OF_METHOD = 20
+LOOKING = {"target": "looking at the target", "frame": "looking at the whole frame"}
+"""What the first line of a page says of the regions where methods look."""
 NAMED_LEADERS = 3
 OURS = "This project"
 """Beginning of the source of a measure or search that was published here."""
@@ -263,10 +265,10 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
     return ", ".join(
         [
-            f"{plural(len(rows), 'method')} on {plural(scenes, 'scene')}",
+            f"{plural(len(rows), 'autofocus method')} (focus measure + search) on {plural(scenes, 'scene')}",
             describe_size(records),
             *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
-            *(f"region {name}" for name in sorted({r.region for r in records})),
+            *(LOOKING.get(name, f"looking at the box {name!r}") for name in sorted({r.region for r in records})),
         ]
     )
 
