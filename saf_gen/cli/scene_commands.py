@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from saf_gen.scene.scene_folder import Scene
 
 SENSOR = "vidar_400x250"
+SHEETS = (".png", ".pdf", ".svg")
 SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
@@ -188,12 +189,10 @@ def preview_command(
     from saf_gen.camera import get_sensor
 
     scenes, camera = [_scene(name) for name in dict.fromkeys(names)], get_sensor(sensor)
-    if len(scenes) > 1 and target is not None:
-        if target.suffix or target.is_file():
-            raise BadInput(
-                f"--out {target} is one file for {len(scenes)} scenes", hint="give a folder, or one scene at a time"
-            )
-        target.mkdir(parents=True, exist_ok=True)
+    if len(scenes) > 1 and target and (target.suffix.lower() in SHEETS or target.is_file()):
+        raise BadInput(
+            f"--out {target} is one file for {len(scenes)} scenes", hint="give a folder, or one scene at a time"
+        )
     paths = [
         scene.folder / "preview.png" if target is None else target if len(scenes) == 1 else target / f"{scene.id}.png"
         for scene in scenes

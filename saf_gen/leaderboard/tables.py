@@ -65,7 +65,9 @@ def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard", shade
 
 
 def _mark(row: LeaderboardRow) -> str:
-    return "first" if row.rank == 1 else "level" if row.level_with_best else ""
+    if row.rank is None:
+        return ""
+    return "first" if row.rank == 1 else "level" if row.level_with_best is not False else ""  # None: nobody can tell
 
 
 def _light(light: str) -> Column:

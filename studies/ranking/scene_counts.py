@@ -34,12 +34,12 @@ METHODS = (
 
 def draw_tables(records: Sequence[Record], count: int, *, draws: int, seed: int = SEED) -> list[list[LeaderboardRow]]:
     """Return the rankings of ``draws`` benchmarks of ``count`` scenes of the records."""
-    scenes = sorted({(record.scene, record.variant or 0) for record in records})
+    scenes = sorted({record.scene for record in records})
     random = np.random.default_rng(seed)
     tables = []
     for _ in range(draws if count < len(scenes) else 1):
         chosen = {scenes[number] for number in random.choice(len(scenes), min(count, len(scenes)), replace=False)}
-        drawn = [record for record in records if (record.scene, record.variant or 0) in chosen]
+        drawn = [record for record in records if record.scene in chosen]
         tables.append(list(rank_methods(drawn)))
     return tables
 

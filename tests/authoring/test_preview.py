@@ -272,6 +272,7 @@ def test_one_of_several_scenes_that_cannot_be_drawn_costs_itself_alone(call, cal
     def draw(scene, sensor, *, path, **options):
         if scene.id == "bad":
             raise BadInput("it is empty")
+        path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"drawn")
 
     monkeypatch.setattr("saf_gen.authoring.scene_sheet.preview_scene", draw)

@@ -1,10 +1,18 @@
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from handmade_evaluations import make_evaluation, make_lens_path, make_records, make_sweep, make_thumbnails
+from handmade_evaluations import (
+    make_delivered,
+    make_evaluation,
+    make_lens_path,
+    make_records,
+    make_sweep,
+    make_thumbnails,
+)
 from handmade_records import failed, record
 from markupsafe import escape
 
@@ -401,7 +409,7 @@ def test_the_headline_and_the_table_say_the_same_fraction():
     """Five of eight scenes are 62.5 %, which is rounded up."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
     text = page_of(records)
-    assert '<p class="lead"><code>m+s</code>: right on 63% of 8 sequences.' in text
+    assert '<p class="lead"><code>m+s</code>: right on 63% of 8 sequences, averaged over scenes.' in text
     assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
 
 
@@ -422,34 +430,38 @@ def of_scenes(*, right, scenes):
             3,
             ["first", "level"],
             "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> <code>a+s</code> is most often "
-            "right on 100% of 3 sequences.",
+            "right on 100% of 3 sequences, averaged over scenes.",
         ),
         (
             {"a": 3, "b": 3},
             3,
             ["first", "first"],
             "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> <code>a+s</code>, "
-            "<code>b+s</code> are most often right on 100% of 3 sequences.",
+            "<code>b+s</code> are most often right on 100% of 3 sequences, averaged over scenes.",
         ),
         (
             {"a": 60, "b": 2},
             60,
             ["first"],
-            "<strong><code>a+s</code> wins</strong>: right on 100% of 60 sequences, and every other method can be told "
+            "<strong><code>a+s</code> wins</strong>: right on 100% of 60 sequences"
+            ", averaged over scenes, and every other method "
+            "can be told "
             "apart from it.",
         ),
         (
             {"a": 60, "b": 59, "c": 2},
             60,
             ["first", "level"],
-            "<strong><code>a+s</code> leads</strong>, right on 100% of 60 sequences; 1 of the other 2 methods, shaded, "
+            "<strong><code>a+s</code> leads</strong>, right on 100% of 60 sequences"
+            ", averaged over scenes; 1 of the other 2 methods, shaded, "
             "cannot be told apart from it.",
         ),
         (
             {"a": 60, "b": 60, "c": 2},
             60,
             ["first", "first"],
-            "<strong><code>a+s</code>, <code>b+s</code> lead together</strong>, right on 100% of 60 sequences; every "
+            "<strong><code>a+s</code>, <code>b+s</code> lead together</strong>, right on 100% of 60 sequences"
+            ", averaged over scenes; every "
             "other method can be told apart.",
         ),
     ],
@@ -458,6 +470,28 @@ def test_the_headline_says_who_wins_or_that_the_scenes_cannot_say(right, scenes,
     text = page_of(of_scenes(right=right, scenes=scenes))
     assert headline in text
     assert re.findall(r'<tr class="(\w+)">', text.split('id="board"')[1].split("</tbody>")[0])[-len(shades) :] == shades
+
+
+def test_the_headline_counts_scenes_as_the_ranking_does():
+    """Members and repeats of a scene are not scenes, however many there are."""
+    records = [
+        record(method, f"x{member}", error, scene="x", variant=member)
+        for method, error in (("a+s", 0.0), ("b+s", 9.0))
+        for member in range(5)
+    ]
+    text = page_of(records)
+    assert "Undecided: 1 scene cannot tell these 2 methods apart." in text
+    assert '<tr class="level">' in text  # nothing is tested with so few scenes, so nothing is told apart
+
+
+def test_control_characters_in_what_was_delivered_are_escaped(tmp_path):
+    records = make_records()
+    shown = replace(make_delivered(), sequence="ca\x1bmel", answers=(("a\u202eb+s", 0.0), ("c+s", 1.0)))
+    made = Evaluation(tuple(records), (), ())
+    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="x", delivered=shown)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "\x1b" not in text
+    assert "\u202e" not in text
 
 
 @pytest.mark.parametrize("track", ["recorded", "closed_loop"])

@@ -194,7 +194,7 @@ def write_report(
     """
     out = Path(folder)
     original = evaluation
-    evaluation, rows, title = (escape_all_text(item) for item in (evaluation, tuple(rows), title))
+    evaluation, rows, title, delivered = map(escape_all_text, (evaluation, tuple(rows), title, delivered))
     if results is None or evaluation is not original:  # the results need the escaped names
         results = compute_results(rows, evaluation.records)
     names = _draw_figures(out, evaluation, rows=rows, comparison=results.comparison, pdf=pdf) if figures or pdf else []

@@ -282,12 +282,12 @@ def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Mark
             " their cost."
         )
     best, others = leaders[0], len(rows) - len(leaders)
-    level = sum(bool(row.level_with_best) for row in rows if row.rank != 1)
+    level = sum(row.level_with_best is not False for row in rows if row.rank != 1)  # None: too few scenes to test
     more = f" and {len(leaders) - NAMED_LEADERS} more" if len(leaders) > NAMED_LEADERS else ""
     names = Markup(", ").join(Markup("<code>{}</code>").format(row.method) for row in leaders[:NAMED_LEADERS]) + more
-    right = f"right on {percent(best.answerable_1dof or 0.0)} of {plural(best.answerable or 0, 'sequence')}"
-    scenes = plural(len({record.scene if record.variant is None else (record.scene, record.variant)
-                         for record in records}), "scene")  # fmt: skip
+    answerable = plural(best.answerable or 0, "sequence")
+    right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
+    scenes = plural(len({record.scene for record in records}), "scene")
     if len(rows) == 1:
         return Markup("{}: {}.").format(names, right)
     if level == others and (others or len(leaders) > 1):
