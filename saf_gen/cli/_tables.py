@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,13 +65,22 @@ def print_facts(facts: Mapping[str, str], *, title: str = "") -> None:
 
 
 def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
-    """Print the columns of a leaderboard that fit, and the notes that apply to ``records``."""
+    """Print the columns of a leaderboard that fit, what its names mean, and the notes that apply to ``records``."""
     from saf_gen.leaderboard.notes import notes_on
     from saf_gen.leaderboard.tables import ranking
 
     print_table(ranking(rows, title=title), where_to_find="leaderboard.md and the page show them, and a larger COLUMNS")
+    print_names(row.method for row in rows)
     for note in notes_on(rows, records) if records else ():
         out.print(note)
+
+
+def print_names(methods: Iterable[str]) -> None:
+    """Print what the short names in these names of methods stand for, as one paragraph."""
+    from saf_gen.leaderboard.short_names import name_list
+
+    if names := name_list(methods):
+        out.print(names)
 
 
 def to_objects(table: Table) -> list[dict[str, str]]:

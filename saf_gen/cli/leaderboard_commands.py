@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from rich.text import Text
 
-from saf_gen.cli._tables import print_json, print_leaderboard, print_table
+from saf_gen.cli._tables import print_json, print_leaderboard, print_names, print_table
 from saf_gen.cli._terminal import (
     LEVEL_STYLES,
     AsJson,
@@ -113,6 +113,7 @@ def rank_on_saf_folder_command(
     remove_kept(target)
     print_table(saf_table(ranking), where_to_find=f"{target / 'ranking.md'} shows them", as_json=as_json)
     if not as_json:
+        print_names(row.method for row in ranking.rows)
         for note in PROTOCOL_NOTES:
             out.print(note)
         if ranking.agreement:
@@ -231,11 +232,13 @@ def tune_command(
             notify=err.print,
         )
     print_kept(kept, splits={split})
-    print_leaderboard(rows[:20], title=f"{len(rows)} trials, {tuned.sequences} sequences of {split}")
+    print_leaderboard(
+        rows[:20], title=f"{plural(len(rows), 'trial')}, {plural(tuned.sequences, 'sequence')} of {split}"
+    )
     write_text(file, format_tuned(tuned))
     kept.remove()
     if trials is not None and len(rows) < trials:
-        err.print(f"{len(rows)} of {trials} trials: the constants of {method} allow no more")
+        err.print(f"{len(rows)} of {plural(trials, 'trial')}: the constants of {method} allow no more")
     out.print(f"best: {tuned.method}", soft_wrap=True)
     out.print(
         f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method {shlex.quote(f'@{file}')})",

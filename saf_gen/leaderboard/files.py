@@ -20,6 +20,7 @@ from saf_gen.leaderboard.notes import grain_by_scene, notes_on
 from saf_gen.leaderboard.outcomes import RULE
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings
 from saf_gen.leaderboard.ranking import LeaderboardRow
+from saf_gen.leaderboard.short_names import name_list
 
 LEADERBOARD_FILES = (
     "leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex", "axes.csv", "agreement.csv",
@@ -173,6 +174,7 @@ def _format_page(
     parts = [
         "# Leaderboard\n",
         ranking.to_markdown(),
+        *([f"{escape_markdown(names)}\n"] if (names := name_list(row.method for row in rows)) else []),
         escape_markdown(" ".join(notes_on(rows, records))) + "\n",
         "".join(meanings),
     ]

@@ -31,6 +31,7 @@ from saf_gen.core.table import Column, Table, percent
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard.outcomes import group_by, mean_by_scene, right_within
 from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_scores
+from saf_gen.leaderboard.short_names import name_list
 from saf_gen.leaderboard.tables import AGREEMENT_MEANINGS, agreement
 from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.interop.saf_folder import CONFIG, SafRecording, import_saf_folder, read_saf_config
@@ -474,7 +475,9 @@ def write_saf(folder: Path, ranking: SafRanking) -> list[Path]:
 
 def _format_markdown(ranking: SafRanking) -> str:
     table = saf_table(ranking)
-    parts = [f"# {table.title}\n", table.to_markdown(), *(f"{note}\n" for note in PROTOCOL_NOTES)]
+    names = name_list(row.method for row in ranking.rows)
+    parts = [f"# {table.title}\n", table.to_markdown(), *([f"{escape_markdown(names)}\n"] if names else [])]
+    parts += [f"{note}\n" for note in PROTOCOL_NOTES]
     if ranking.agreement:
         parts += ["## Agreement of ranks\n", agreement(ranking.agreement).to_markdown()]
     if ranking.left_out:

@@ -24,6 +24,7 @@ from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.report.charts import Chart, plot_times
 from saf_gen.leaderboard.report.delivered import Delivered
 from saf_gen.leaderboard.report.html import hash_script, load_templates, read_asset
+from saf_gen.leaderboard.short_names import spell_out_names
 from saf_gen.leaderboard.sweep_lines import split_method
 
 SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "board.js", "compare.js", "charts.js", "viewer.js")
@@ -224,6 +225,7 @@ def build_page(
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=add_years(tables.ranking(rows, shaded=True), plugins),
             ranked=ranked,
+            names=spell_out_names(methods),
             notes=" ".join(notes_on(rows, records)),
             answers=replace(answers, rows=answers.rows[:MAX_ANSWERS]),
             plugins=_group_plugins(plugins),
@@ -296,7 +298,7 @@ def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Mark
         )
     if level or len(leaders) > 1:
         them = "it" if len(leaders) == 1 else "them"
-        rest = f"{level} of the other {others} methods, shaded, cannot be told apart from {them}" if level else (
+        rest = f"{level} of {plural(others, 'other method')}, shaded, cannot be told apart from {them}" if level else (
             "every other method can be told apart"
         )  # fmt: skip
         return Markup("<strong>{} {}</strong>, {}; {}.").format(

@@ -1,4 +1,4 @@
-"""Energy of a tile's cosine transform, divided by the energy of its mean."""
+"""Energy ratio of the cosine transform: that of a tile's details, divided by the energy of its mean."""
 
 from dataclasses import dataclass
 from functools import lru_cache

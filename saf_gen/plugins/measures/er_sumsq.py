@@ -1,4 +1,4 @@
-"""Event rate, as the released code of Su et al. applies it to spikes."""
+"""Event rate as a sum of squares: how the released code of Su et al. applies it to spikes."""
 
 from dataclasses import dataclass
 from typing import ClassVar

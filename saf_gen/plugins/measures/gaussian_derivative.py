@@ -1,4 +1,4 @@
-"""Energy of the gradient at a chosen scale, from derivatives of a Gaussian."""
+"""Energy of the gradient at a chosen scale: it comes from derivatives of a Gaussian."""
 
 from dataclasses import dataclass
 from functools import lru_cache

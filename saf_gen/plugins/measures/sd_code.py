@@ -1,4 +1,4 @@
-"""Spike dispersion as printed by Su et al. (CVPR 2024) and as their released code computes it."""
+"""Spike dispersion as released: it is printed so by Su et al. (CVPR 2024), and their code computes it."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Differences of neighbours that both halves of a window repeat: squared gradients without counting noise."""
+"""Squared gradient that both halves of a window repeat: it contains no counting noise."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Structure of the light at octaves of scale, whose focus curve has a sharp peak with a wide base."""
+"""Calibrated structure of the light at octaves of scale: its focus curve has a sharp peak with a wide base."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Tenengrad: the energy of the Sobel gradient."""
+"""Energy of the Sobel gradient: the measure called Tenengrad."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Energy of wavelet details, divided by the energy of the smooth remainder."""
+"""Ratio of wavelet energies: that of the details, divided by that of the smooth remainder."""
 
 from dataclasses import dataclass
 from math import sqrt

@@ -1,4 +1,4 @@
-"""Agreed peak: the top of a focus curve that a second measure, which is not blind to fine patterns, must agree with."""
+"""Top of a focus curve on which two measures agree: the second measure is not blind to fine patterns."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Block vote: the focus of most of the picture, found by blocks whose curves all count alike."""
+"""Vote of the blocks of a picture: the focus of most of it, found by curves that all count alike."""
 
 from dataclasses import dataclass
 from typing import ClassVar

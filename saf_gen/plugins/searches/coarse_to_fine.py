@@ -1,4 +1,4 @@
-"""Coarse to fine: a broad measure finds the neighbourhood of the focus, and the method's measure the focus itself."""
+"""Broad measure first, then the own one of the method: the first finds the neighbourhood of the focus."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Golden search on a recording, without the conventions of the code that Su et al. released (``egs_code``)."""
+"""Event-based golden search: on a recording, without the conventions of the code of Su et al. (``egs_code``)."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Golden search on a recording, as the released code of Su et al. runs it."""
+"""Event-based golden search as released: on a recording, as the code of Su et al. runs it."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""ELP: stops a sweep when the product of events and the Laplacian of a picture turns from plus to minus."""
+"""Event Laplacian product: a sweep stops when the product of events and a Laplacian turns from plus to minus."""
 
 from dataclasses import dataclass
 from typing import ClassVar

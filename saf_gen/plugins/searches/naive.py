@@ -1,4 +1,4 @@
-"""Naive search: the best of overlapping windows of a fixed length."""
+"""Best of overlapping windows: the naive search, whose windows have a fixed length."""
 
 from dataclasses import dataclass
 from typing import ClassVar

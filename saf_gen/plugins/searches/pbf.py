@@ -1,4 +1,4 @@
-"""PBF: the focus is where the events of one polarity before it mirror those of the other polarity after it."""
+"""Mirrored polarities: before the focus, events of one polarity mirror those of the other polarity after it."""
 
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Peak fit: a bell fitted to the focus curve while the lens moves locates a focus in or just outside the sweep."""
+"""Bell fitted to the focus curve: while the lens moves, it locates a focus in or just outside the sweep."""
 
 from dataclasses import dataclass
 from math import isfinite

@@ -1,4 +1,4 @@
-"""Photon-aware search: windows of equal light, and a stop once the focus has been passed."""
+"""Windows of equal light, and a stop past the focus: the photon-aware search."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Rule-based search: one pass through the travel, in steps that depend on how the score changes."""
+"""One pass in steps chosen by rules: the steps depend on how the score changes."""
 
 import math
 from dataclasses import dataclass

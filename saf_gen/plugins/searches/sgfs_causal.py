@@ -1,4 +1,4 @@
-"""Causal golden fast search, which decides during the sweep where to stop."""
+"""Causal spike-based golden fast search: it decides during the sweep where to stop."""
 
 import math
 from dataclasses import dataclass

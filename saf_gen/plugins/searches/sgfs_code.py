@@ -1,4 +1,4 @@
-"""Golden fast search, as the released code of Su et al. runs it."""
+"""Spike-based golden fast search as released: the code of Su et al. runs it so."""
 
 import math
 from dataclasses import dataclass

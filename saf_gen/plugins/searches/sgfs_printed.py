@@ -1,4 +1,4 @@
-"""Golden fast search as printed by Su et al. (CVPR 2024), kept for the record: it does not find the focus."""
+"""Spike-based golden fast search as printed: kept for the record (Su et al., CVPR 2024), it does not find the focus."""
 
 from dataclasses import dataclass
 from typing import ClassVar

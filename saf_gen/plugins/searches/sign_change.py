@@ -1,4 +1,4 @@
-"""Search that stops a sweep when the growth of a score changes its sign from plus to minus."""
+"""Stop where the growth of a score changes sign: from plus to minus, during a sweep."""
 
 from collections import deque
 from dataclasses import dataclass

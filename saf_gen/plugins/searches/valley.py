@@ -1,4 +1,4 @@
-"""Search for the valley between the two highest peaks of a curve."""
+"""Valley between the two highest peaks of a curve."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,0 +1,68 @@
+"""Every leaderboard says once what its short names stand for, in the words of the plug-ins themselves."""
+
+import pytest
+from handmade_evaluations import make_evaluation
+from handmade_records import record
+
+from saf_gen.cli._tables import print_leaderboard
+from saf_gen.core.config.registry import names
+from saf_gen.leaderboard import rank_methods, write_leaderboard
+from saf_gen.leaderboard.report.page import build_page
+from saf_gen.leaderboard.short_names import name_list, spell_out_names
+
+RECORDS = [record(method, "a", 0.3) for method in ("sd+argmax", "sd+argmax:window=50", "vollath_f4_n+argmax_light")]
+LIST = (
+    "Names: sd: spike dispersion; vollath_f4_n: Vollath's F4, divided by brightness; argmax: exhaustive search; "
+    "argmax_light: exhaustive search over windows of equal light."
+)
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        ("sd+argmax:window=50@frame", {"sd": "spike dispersion", "argmax": "exhaustive search"}),
+        (
+            "tenengrad_n_tfi+golden_section",
+            {
+                "tenengrad_n_tfi": "energy of the Sobel gradient, divided by brightness, on intervals between spikes",
+                "golden_section": "golden section search",
+            },
+        ),
+        ("squared_gradient+ternary", {"ternary": "ternary search"}),
+        ("mine.py:Mine+argmax", {"argmax": "exhaustive search"}),
+        ("their_network", {}),
+        ("their network@nowhere", {}),
+        ("a+b+c", {}),
+    ],
+)
+def test_names_of_saf_gen_are_spelled_out_and_others_are_left_out(method, words):
+    assert spell_out_names([method]) == words
+
+
+def test_every_plugin_has_short_words_that_are_its_own():
+    """The first line of the module begins with a few words before a colon, a comma or its end."""
+    every = [f"{measure}+argmax" for measure in names("measures")] + [f"sd+{search}" for search in names("searches")]
+    words = spell_out_names(every)
+    assert len(set(words.values())) == len(words)
+    known = {*names("measures"), *names("searches")}
+    assert known - set(words) == {"squared_gradient"}
+    assert all(len(spelled) <= 55 and spelled[-1] not in ".:," for spelled in words.values())
+    assert not name_list(["their_network"])
+
+
+def test_the_terminal_and_leaderboard_md_spell_out_each_name_once(tmp_path, capsys):
+    rows = rank_methods(RECORDS)
+    print_leaderboard(rows, title="t", records=RECORDS)
+    assert " ".join(capsys.readouterr().out.split()).count(LIST) == 1
+    write_leaderboard(tmp_path, rows=rows, records=RECORDS)
+    text = (tmp_path / "leaderboard.md").read_text(encoding="utf-8")
+    assert text.count("Names: ") == text.count("Vollath's F4, divided by brightness") == 1
+    assert "spike dispersion" not in (tmp_path / "leaderboard.csv").read_text(encoding="utf-8")
+
+
+def test_the_page_lists_the_names_beneath_the_table():
+    evaluation = make_evaluation()
+    page = build_page(evaluation, rank_methods(evaluation.records), title="t")
+    folded = page.partition('<details id="names">')[2].partition("</details>")[0]
+    assert "<dt><code>sd</code></dt><dd>spike dispersion</dd>" in folded
+    assert page.index('id="board"') < page.index('id="names"') < page.index('id="compare"')
