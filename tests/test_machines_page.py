@@ -56,7 +56,7 @@ def test_a_job_array_of_the_page_makes_the_dataset(words, tmp_path):
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.count("pieces of focal stacks rendered") == ran.stdout.count("has nothing to make") + 2
     assert ran.stdout.count("3 pieces of focal stacks rendered") == 1
-    assert ran.stdout.endswith("1 of 1 sequences are intact\n")
+    assert ran.stdout.endswith("1 of 1 sequence is intact\n")
 
 
 def test_the_recipe_of_the_container_for_clusters_installs_what_the_other_does():
@@ -152,7 +152,7 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
         generated = run(generate)
         assert "to upload to s3://lab/quickstart: about" in generated
         assert "1 sequences recorded, 0 kept from before" in generated
-        assert "1 of 1 sequences are intact" in generated
+        assert "1 of 1 sequence is intact" in generated
         assert "s3://lab/quickstart/test/plane-constant-00.h5" in run(evaluate)
         assert (tmp_path / "results/leaderboard.json").is_file()
         assert (tmp_path / "target.png").stat().st_size > 1_000

@@ -225,12 +225,13 @@ def evaluate(
                     raise error
     except SchedulerLost as lost:
         raise SafGenError(
-            f"{lost}; {len(parts)} of {len(tasks)} sequences are evaluated{' and kept' if keep else ''}; start a "
-            "scheduler and run the same command again to continue"
+            f"{lost}; {len(parts)} of {plural(len(tasks), 'sequence')} evaluated{' and kept' if keep else ''}; start "
+            "a scheduler and run the same command again to continue"
         ) from lost
     if failures and not parts and protocol is not None:  # the protocol suits no sequence
         raise BadInput(
-            f"none of {len(tasks)} sequences can be evaluated; the first failed: {failures[min(failures)].problem}",
+            f"none of {plural(len(tasks), 'sequence')} can be evaluated; the first failed: "
+            f"{failures[min(failures)].problem}",
             where=str(path),
         )
     in_order = [parts[number] for number in sorted(parts)]
@@ -322,6 +323,7 @@ def _run_locally(
             if again is not None:
                 part = again.complete(task, part, groups=groups)
             store.keep(task, part, draw=draw)
+            step(count, task.id)
         else:
             step(count, f"{task.id} was already evaluated")
         yield number, part, None

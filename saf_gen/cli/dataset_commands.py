@@ -12,6 +12,7 @@ from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.object_store import find_path
+from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput, escape_controls
 
@@ -90,7 +91,7 @@ def merge_shards_command(
 
     resolved = resolve_recipe(recipe)
     copied = gather_shards(resolved, folders, target=target, tell=err.print)
-    out.print(f"{copied / 1e6:,.0f} MB copied from {len(folders)} folders")
+    out.print(f"{copied / 1e6:,.0f} MB copied from {plural(len(folders), 'folder')}")
     plan = make_plan(resolved, target, keep_slices=keep_slices)
     if any(plan.to_render.values()):
         err.print(f"these stacks lack pictures, which are rendered here: {'; '.join(plan.labels)}", soft_wrap=True)
@@ -122,8 +123,8 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
         make = run_to_store if plan.in_store else run_plan
         result = make(plan, workers=workers, variant=variant, cluster=cluster, report=report, tell=err.print)
     out.print(
-        f"{len(result.recorded)} sequences recorded, {len(result.kept)} kept from before, "
-        f"{len(result.rendered)} pieces of focal stacks rendered"
+        f"{plural(len(result.recorded), 'sequence')} recorded, {len(result.kept)} kept from before, "
+        f"{plural(len(result.rendered), 'piece')} of focal stacks rendered"
     )
     if result.freed_bytes:
         out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {plan.keep_slices})")
@@ -131,7 +132,9 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
         out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
     else:
         _print_share(plan.share)
-        out.print(f"next, once all {plan.share.part[1]} shards have ended: {closing}", soft_wrap=True)
+        shards = plan.share.part[1]
+        all_ended = "the shard has ended" if shards == 1 else f"all {shards} shards have ended"
+        out.print(f"next, once {all_ended}: {closing}", soft_wrap=True)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():
@@ -197,13 +200,14 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
         Column("seed", "seed", detail=2),
         Column("exists", lambda sequence: "yes" if sequence.id in plan.made else "no"),
     ]
-    title = f"{recipe.name}: {len(planned)} sequences in {plan.target}"
+    title = f"{recipe.name}: {plural(len(planned), 'sequence')} in {plan.target}"
     print_table(Table(columns, planned, title), where_to_find="a wider terminal or a pipe shows them")
     if plan.share is not None:
         _print_share(plan.share)
         if plan.by_cut_stack:
             cut = sum(map(len, plan.by_cut_stack.values()))
-            out.print(f"{cut} sequences are recorded by the shard that sees all their slices, or by the closing run")
+            by = "the shard that sees all time slices, or the closing run"
+            out.print(f"left to {by}: {plural(cut, 'sequence')}")
     out.print(f"focal stacks to render: {_name_some(plan.labels) or 'none, all exist'}")
     if plan.kept_bytes("all"):
         listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)
@@ -245,7 +249,7 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder,
             out.print(escape_controls(f"{name}: {what}: {words}"), soft_wrap=True, markup=False)
     for name, problem in problems.items():
         print_error(f"{name}: {problem}", 1)
-    out.print(f"{count - len(problems)} of {count} sequences are intact")
+    out.print(f"{count - len(problems)} of {plural(count, 'sequence')} {'is' if count == 1 else 'are'} intact")
     if problems:
         raise typer.Exit(1)
 
@@ -281,7 +285,7 @@ def pack_command(
             report=lambda done, total: bars.update(task, completed=done, total=total),
         )
     index = packed.index
-    out.print(f"{len(index.shards)} shards, {index.total_bytes / 1e6:,.1f} MB in {folder}", soft_wrap=True)
+    out.print(f"{plural(len(index.shards), 'shard')}, {index.total_bytes / 1e6:,.1f} MB in {folder}", soft_wrap=True)
     out.print(f"sha256 of its index: {packed.index_sha256}", soft_wrap=True)
     out.print(f"next: saf-gen fetch {shlex.quote(str(folder))} --sha256 {packed.index_sha256}", soft_wrap=True)
     if packed.missing:
@@ -308,5 +312,5 @@ def fetch_command(
             tell=err.print,
         )
     count = sum(len(shard.members) for shard in index.shards)
-    out.print(f"{count} files, {index.total_bytes / 1e6:,.1f} MB, every digest correct")
+    out.print(f"{plural(count, 'file')}, {index.total_bytes / 1e6:,.1f} MB, every digest correct")
     out.print(f"dataset: {target}   (next: {read_manifest(target).next_command(target)})", soft_wrap=True)

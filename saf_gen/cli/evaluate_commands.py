@@ -143,7 +143,7 @@ def evaluate_command(
                 region=region,
                 protocol=protocol,
                 predictions=predictions,
-                progress=terminal_reporter("evaluate", bars),
+                progress=terminal_reporter("evaluate", bars, parts=len(selection.tasks) if len(selection.tasks) > 1 else 0),
                 keep=kept,
                 cluster=cluster,
                 limits=limits,
@@ -272,4 +272,4 @@ def score_command(
         out.file.write(text)
         return
     write_text(csv, text)
-    out.print(f"{len(frames)} blocks in {csv}")
+    out.print(f"{plural(len(frames), 'block')} in {csv}")

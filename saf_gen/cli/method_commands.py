@@ -12,6 +12,7 @@ from rich.text import Text
 
 from saf_gen.cli._tables import print_json, print_table, to_objects
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, err, out
+from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
@@ -113,7 +114,9 @@ def _print_results(name: str, results: "list[Finding]") -> None:
     ]
     print_table(Table(columns, results, name))
     levels: Counter[str] = Counter(result.level for result in results)
-    out.print(f"{len(results)} checks: " + ", ".join(f"{levels[level]} {word}" for level, word in WORDS.items()))
+    out.print(
+        f"{plural(len(results), 'check')}: " + ", ".join(f"{levels[level]} {word}" for level, word in WORDS.items())
+    )
 
 
 def _to_object(name: str, result: "Finding") -> dict[str, str]:

@@ -8,6 +8,7 @@ import typer
 
 from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import AsJson, RecipeName, out
+from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 
 if TYPE_CHECKING:
@@ -39,7 +40,9 @@ def check_recipe_command(recipe: RecipeName) -> None:
     for line in coarse_sampling(work):
         out.print(f"warning: {line}")
     digest = f"{recipe_digest(work):.12}{', a frozen benchmark' if work.benchmark else ''}"
-    out.print(f"{recipe} is fine: {len(work.sequences)} sequences of {', '.join(work.scenes)}; digest {digest}")
+    out.print(
+        f"{recipe} is fine: {plural(len(work.sequences), 'sequence')} of {', '.join(work.scenes)}; digest {digest}"
+    )
 
 
 def seal_command(

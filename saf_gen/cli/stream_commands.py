@@ -10,6 +10,7 @@ import typer
 
 from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, err, out
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list
         made += 1
         _print_written_stream(path, "read as layout 416")
     err.print("config.xlsx has no lens positions: the lens is assumed to move evenly from 0 to 1")
-    out.print(f"{made} recordings; next: saf-gen dataset index {shlex.quote(str(target))}")
+    out.print(f"{plural(made, 'recording')}; next: saf-gen dataset index {shlex.quote(str(target))}")
 
 
 def _print_written_stream(stream: Path, how: str) -> None:
@@ -172,7 +173,7 @@ def _print_written_stream(stream: Path, how: str) -> None:
 
     with open_stream(stream) as opened:
         count, rows, columns = opened.shape
-    out.print(f"{count} frames of {columns}×{rows} in {stream}, {how}")
+    out.print(f"{plural(count, 'frame')} of {columns}×{rows} in {stream}, {how}")
 
 
 def _read_lens_log_and_truth(
@@ -299,7 +300,7 @@ def encode_command(
     encode_pictures(plan, target, seed=seed, **fields)
     for note in plan.notes:
         err.print(escape_controls(note), soft_wrap=True, markup=False)
-    _print_written_stream(target, f"from {plan.count} pictures {plan.pace}, {source.transfer.name}")
+    _print_written_stream(target, f"from {plural(plan.count, 'picture')} {plan.pace}, {source.transfer.name}")
     if source.order:
         out.print(f"in this order: {source.order}", soft_wrap=True, markup=False)
     if source.positions is not None:
@@ -340,7 +341,7 @@ def export_command(
         with open_stream(stream) as opened:
             layout = READERS[reader] if reader else "sps1000" if opened.shape[1:] == (1000, 1000) else "dense"
     count = export_raw_frames(stream, target, layout=layout, order=order or "lsb", flip=flip)
-    out.print(f"{count} bytes in {target}, layout {layout}")
+    out.print(f"{plural(count, 'byte')} in {target}, layout {layout}")
     with open_stream(stream) as opened:
         held = opened.metadata
     lost = [
@@ -394,10 +395,9 @@ def index_command(
     manifest = index_folder(folder, split=split)
     if hidden := sorted(str(file.relative_to(folder)) for file in folder.rglob("*.h5") if is_hidden(file, folder)):
         err.print(escape_controls(f"left out, because hidden: {', '.join(hidden)}"), soft_wrap=True)
-    splits = ", ".join(manifest.splits)
-    out.print(
-        f"{len(manifest.sequences)} sequences in splits {splits}; next: {manifest.next_command(folder)}", soft_wrap=True
-    )
+    splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
+    size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
+    out.print(f"{size}; next: {manifest.next_command(folder)}", soft_wrap=True)
 
 
 def inspect_command(
@@ -455,4 +455,5 @@ def view_command(
             region=region,
             fps=fps,
         )
-    out.print(f"{len(pictures.starts)} pictures of {pictures.window} frames each in {target}")
+    size = f"{plural(len(pictures.starts), 'picture')} of {plural(pictures.window, 'frame')}"
+    out.print(f"{size}{'' if len(pictures.starts) == 1 else ' each'} in {target}")

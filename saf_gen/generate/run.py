@@ -30,7 +30,7 @@ from saf_gen.core.files import (
     write_text,
 )
 from saf_gen.core.object_store import AnyPath
-from saf_gen.core.plain_text import escape_markdown
+from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
 from saf_gen.generate.plan import Plan, check_same_dataset, make_plan
@@ -221,7 +221,7 @@ def run_plan(
             raise SafGenError(f"{lost}; start a scheduler and run the same command again to continue") from lost
         listed = len(_list_finished(plan).sequences)
         raise SafGenError(
-            f"{lost}; {listed} of {len(resolved.all_sequences)} sequences are complete and listed; "
+            f"{lost}; {listed} of {plural(len(resolved.all_sequences), 'sequence')} complete and listed; "
             "start a scheduler and run the same command again to continue"
         ) from lost
     recorded, kept = ([name for name, was_kept in recordings.items() if was_kept == one] for one in (False, True))
@@ -477,7 +477,7 @@ def write_dataset_card(
     write_text(folder / "README.md", matter + text)
     how = "photographed" if of_stacks else "rendered"
     described = (
-        f"Spike-camera autofocus data, {how} and simulated: {len(manifest.sequences)} sequences of "
+        f"Spike-camera autofocus data, {how} and simulated: {plural(len(manifest.sequences), 'sequence')} of "
         f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
         f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
         "position at every frame."

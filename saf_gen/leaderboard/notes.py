@@ -7,6 +7,7 @@ from statistics import median
 from saf_gen.benchmark.method_spec import split_halves
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
+from saf_gen.core.plain_text import plural
 from saf_gen.leaderboard.intervals import MIN_SCENES
 from saf_gen.leaderboard.outcomes import group_by
 from saf_gen.leaderboard.ranking import LeaderboardRow
@@ -37,7 +38,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
     if not scenes and unranked:
         few = "; and no rank comes from fewer than ten objects" if len(unranked) < MIN_RANKED else ""
         found.append(
-            f"No ranks: no depth of focus is known of the {len(unranked)} objects, so that errors are fractions "
+            f"No ranks: no depth of focus is known of {plural(len(unranked), 'object')}, so that errors are fractions "
             f"of the travel{few}."
         )
     found += [
@@ -63,7 +64,7 @@ def _say_rule(records: Iterable[Record]) -> list[str]:
     others = f"; on the {without} without, answers are false" if without else ""
     return [
         f"Ranked by answerable success: answers within 1 DoF (blur of 2 px) on the {sum(map(bool, known.values()))} of "
-        f"{len(known)} sequences that have an answer{others}."
+        f"{plural(len(known), 'sequence')} with an answer{others}."
     ]
 
 
@@ -106,7 +107,7 @@ def _name_obstacles(records: Iterable[Record]) -> list[str]:
             more = f" and {len(found) - NAMED_SEQUENCES} more" if len(found) > NAMED_SEQUENCES else ""
             named.append(f"{len(found)} with {what} ({', '.join(found[:NAMED_SEQUENCES])}{more})")
     total = sum(obstacle is not None for obstacle in obstacles.values())
-    return [f"{total} of {len(obstacles)} sequences cannot be focused: {'; '.join(named)}."] if named else []
+    return [f"{total} of {plural(len(obstacles), 'sequence')} cannot be focused: {'; '.join(named)}."] if named else []
 
 
 def _name_least_blur(records: Iterable[Record]) -> list[str]:
@@ -115,8 +116,8 @@ def _name_least_blur(records: Iterable[Record]) -> list[str]:
     if not any(blurs.values()):
         return []
     return [
-        f"On {sum(blurs.values())} of {len(blurs)} sequences the lens has aberrations, and its least blur is far from "
-        "its largest contrast, by which methods are ranked: see ≤1 DoF of least blur."
+        f"On {sum(blurs.values())} of {plural(len(blurs), 'sequence')} the lens has aberrations, and its least blur "
+        "is far from its largest contrast, by which methods are ranked: see ≤1 DoF of least blur."
     ]
 
 
@@ -177,7 +178,7 @@ def grain_warning(records: Iterable[Record]) -> list[str]:
     found, all_known = (len({name for _, _, name in some}) for some in (grainy, known))
     return [
         f"Warning: noise of the renderer exceeds {MAX_GRAIN_OF_CURVE:.0%} of the range of a focus curve on "
-        f"{found} of {all_known} sequences ({named}; at worst {of_curve:.2g} times the range, {measure} on "
+        f"{found} of {plural(all_known, 'sequence')} ({named}; at worst {of_curve:.2g} times the range, {measure} on "
         f"{sequence}): with more samples per pixel these answers may differ."
     ]
 

@@ -14,6 +14,7 @@ from saf_gen.benchmark.method_spec import Method, split_region
 from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, OVER_A_LIMIT, Record, read_records
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.outcomes import group_by
 from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_answers
@@ -72,7 +73,7 @@ def verify(
     reasons: dict[str, str] = {}
     for label, group in rows.items():
         if ended := [record for record in group if record.note.startswith(OVER_A_LIMIT)]:
-            runs_ended = f"{len(ended)} of {len(group)} runs were ended at a limit ({ended[0].limits})"
+            runs_ended = f"{len(ended)} of {plural(len(group), 'run')} ended at a limit ({ended[0].limits})"
             reasons[label] = f"not comparable: {runs_ended}"
             continue
         found = _find_method(label, group[0].code, trusted=trusted, where=str(folder))
@@ -152,7 +153,7 @@ def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: 
                 key = "data" if "data" in unequal else unequal[0]
                 says, gives = getattr(record, key), getattr(other, key)
                 differing.append(f"{record.sequence}: {key} is {says!r:.40}, but {gives!r:.40} when run again")
-    more = f" ({len(differing)} of {len(records)} sequences differ)" if differing else ""
+    more = f" ({len(differing)} of {plural(len(records), 'sequence')})" if differing else ""
     return f"{differing[0]}{more}" if differing else ""
 
 

@@ -20,6 +20,7 @@ from saf_gen.core.config.registry import names
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.files import write_text
 from saf_gen.core.finding import Finding
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard.outcomes import right_within
 from saf_gen.leaderboard.verification import DIFFERS, RERUN_HERE, read_row_states
@@ -235,7 +236,7 @@ def _check_constants(card: SubmissionCard, folder: Path) -> Iterator[Finding]:
     if tuned.split == TEST_SPLIT:
         yield Finding("constants", "error", f"tuned on the split {tuned.split}: tune on train or validation")
     else:
-        tried = f"{len(tuned.trials)} trials on the split {tuned.split} of {tuned.dataset}"
+        tried = f"{plural(len(tuned.trials), 'trial')} on the split {tuned.split} of {tuned.dataset}"
         yield Finding("constants", "ok", f"{tried} gave {tuned.method}")
 
 
@@ -276,15 +277,17 @@ def _check_records(group: list[Record], card: SubmissionCard, *, tasks: set[str]
     elif tasks is not None and sequences != tasks:
         odd = sorted(sequences ^ tasks)
         yield Finding(
-            "answers", "error", f"{len(sequences)} sequences, but {len(tasks)} in the dataset: {odd[0]} is not in both"
+            "answers",
+            "error",
+            f"{plural(len(sequences), 'sequence')}, but {len(tasks)} in the dataset: {odd[0]} is not in both",
         )
     else:
         right, has_answer = right_within(), [record for record in group if record.answerable]
         complete = "all of the split" if tasks is not None else "compare them with the dataset: --on DATASET"
         within = f"{sum(map(bool, map(right, has_answer)))} of {len(has_answer)} that have an answer"
         false = sum(record.answerable is False and record.status == "answered" for record in group)
-        text = f"{len(sequences)} sequences ({complete}), {within} within 1 depth of focus, {false} false answers"
-        yield Finding("answers", "ok", text)
+        text = f"{plural(len(sequences), 'sequence')} ({complete}), {within} within 1 depth of focus"
+        yield Finding("answers", "ok", f"{text}, {plural(false, 'false answer')}")
 
 
 def records_of(records: Iterable[Record], card: SubmissionCard) -> list[Record]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
+from saf_gen.core.plain_text import plural
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.metadata import Metadata, ReadableStream
 from saf_gen.stream.recorded_grain import grain_of_stream
@@ -96,7 +97,8 @@ def describe_flaws(metadata: Metadata) -> dict[str, str]:
     """Return as texts by name how many bad pixels are masked and how many readouts are lost, if any are."""
     flaws = {}
     if (mask := metadata.mask) is not None:
-        flaws["mask"] = f"{np.count_nonzero(mask)} bad pixels ({np.mean(mask):.2%}), filled in counts and pictures"
+        bad = plural(np.count_nonzero(mask), "bad pixel")
+        flaws["mask"] = f"{bad} ({np.mean(mask):.2%}), filled in counts and pictures"
     if (readout := metadata.readout) is not None:
         gaps = np.count_nonzero(np.diff(readout) > 1)
         flaws["lost readouts"] = f"{readout[-1] + 1 - readout.size} in {gaps} {'gap' if gaps == 1 else 'gaps'}"

@@ -25,6 +25,7 @@ import numpy as np
 from saf_gen.core import bits
 from saf_gen.core.files import HDF5_SIGNATURE, refuse_link
 from saf_gen.core.object_store import AnyPath, ObjectReader, StorePath, find_path
+from saf_gen.core.plain_text import plural
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
@@ -213,7 +214,7 @@ class SpikeStream:
         frames, rows, columns = self.shape
         focus = f"true focus {self.truth.position:.3f}" if self.truth.known else "true focus unknown"
         state = "" if self._file else ", closed"
-        size = f"{frames} frames of {columns}×{rows} at {self.readout_hz:g} Hz"
+        size = f"{plural(frames, 'frame')} of {columns}×{rows} at {self.readout_hz:g} Hz"
         return f"<SpikeStream {self.path.name}: {size}, {focus}{state}>"
 
     def _repr_html_(self) -> str | None:

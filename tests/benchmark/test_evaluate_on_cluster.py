@@ -62,7 +62,7 @@ def test_what_was_evaluated_before_the_scheduler_was_lost_is_kept(dataset, clust
 
     run = module.run_jobs
     monkeypatch.setattr(module, "run_jobs", lost_after_one)
-    with pytest.raises(SafGenError, match=r"tcp://there:1 .*; 1 of 3 sequences are evaluated and kept; start a sched"):
+    with pytest.raises(SafGenError, match=r"tcp://there:1 .*; 1 of 3 sequences evaluated and kept; start a sched"):
         evaluate(dataset, methods=["sd+argmax"], cluster=cluster_address, keep=KeptSequences(tmp_path / "kept"))
     monkeypatch.undo()
     kept = KeptSequences(tmp_path / "kept")

@@ -288,7 +288,7 @@ def test_a_worker_and_a_scheduler_that_fall_silent_are_told_and_the_run_goes_on_
         os.kill(worker, signal.SIGSTOP)  # a new run does not begin
         monkeypatch.setattr(dask_cluster, "ANSWER_S", 2.0)
         problem = refusal(done, [Square(1)], cluster=cluster)
-        assert_says(problem, f"1 of 1 workers of the scheduler at {address} do not answer within 2 s: {name} | wake or")
+        assert_says(problem, f"1 of 1 worker of the scheduler at {address} gave no answer within 2 s: {name} | wake or")
         assert nanny.poll() is None
 
 

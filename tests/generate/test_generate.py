@@ -226,9 +226,7 @@ def test_a_stopped_run_lists_the_complete_sequences(work, made, monkeypatch):
         raise SchedulerLost("the Dask scheduler at tcp://there:1 is gone")
 
     monkeypatch.setattr(run, "run_jobs", run_two)
-    with pytest.raises(
-        SafGenError, match="2 of 3 sequences are complete and listed; start a scheduler and run the same"
-    ):
+    with pytest.raises(SafGenError, match="2 of 3 sequences complete and listed; start a scheduler and run the same"):
         generate(work, made.folder, variant=VARIANT)
     assert [entry.file for entry in read_manifest(made.folder).sequences] == [first, second]
     monkeypatch.setattr(run, "run_jobs", run_all)

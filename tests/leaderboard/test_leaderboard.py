@@ -263,7 +263,7 @@ def test_answers_rank_where_there_is_one_and_both_errors_of_abstaining_stand_bes
     assert (row.answerable, row.without_answer, row.rank) == (1, 1, 1)
     text = {c.name: c.text(row) for c in ranking([row]).shown}
     assert text["false_answers"] == f"{expected[2]} of 1"
-    assert "on the 1 of 2 sequences that have an answer; on the 1 without" in " ".join(notes_on([row], records))
+    assert "on the 1 of 2 sequences with an answer; on the 1 without" in " ".join(notes_on([row], records))
 
 
 def test_a_method_that_only_abstains_better_has_the_same_rank():

@@ -453,7 +453,7 @@ def of_scenes(*, right, scenes):
             60,
             ["first", "level"],
             "<strong><code>a+s</code> leads</strong>, right on 100% of 60 sequences"
-            ", averaged over scenes; 1 of the other 2 methods, shaded, "
+            ", averaged over scenes; 1 of 2 other methods, shaded, "
             "cannot be told apart from it.",
         ),
         (

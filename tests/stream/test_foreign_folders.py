@@ -27,7 +27,7 @@ def test_hidden_files_are_left_out_and_named(tmp_path, call, hidden):
     (tmp_path / hidden).write_bytes(b"\0\5\x16\7 no stream")  # what macOS writes beside a file
     code, out, err = call("dataset", "index", tmp_path)
     assert code == 0
-    assert out.startswith("1 sequences in splits test; next: ")
+    assert out.startswith("1 sequence in split test; next: ")
     assert err == f"left out, because hidden: {hidden}\n"
 
 

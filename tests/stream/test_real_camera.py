@@ -45,7 +45,7 @@ def test_a_raw_file_a_lens_log_and_a_truth_become_a_ranked_row_in_three_commands
     assert "layout 416" in out
     code, out, _ = call("dataset", "index", tmp_path / "mine")
     assert code == 0
-    assert "1 sequences in splits test; next: saf-gen evaluate" in out
+    assert "1 sequence in split test; next: saf-gen evaluate" in out
     code, _, err = call("evaluate", tmp_path / "mine", "--method", "sd+argmax")
     assert (code, err) == (0, "")
     (row,) = json.loads((tmp_path / "mine" / "evaluation" / "leaderboard.json").read_text())["rows"]

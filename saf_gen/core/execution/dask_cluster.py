@@ -24,6 +24,7 @@ from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress,
 from saf_gen.core.execution.silence import Silence
 from saf_gen.core.extras import installed_versions, require_extra
 from saf_gen.core.files import check_file_system, remove_leftovers, temporary_name
+from saf_gen.core.plain_text import plural
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput, SafGenError
 
@@ -238,8 +239,8 @@ class _Dispatcher:
         latest_s = max(heard_s.values())
         silent = [address for address, then_s in heard_s.items() if latest_s - then_s > ANSWER_S / 2] or list(heard_s)
         return BadInput(
-            f"{len(silent)} of {len(workers)} workers of the scheduler at {self._address} do not answer within "
-            f"{ANSWER_S:.0f} s: {', '.join(silent)}",
+            f"{len(silent)} of {plural(len(workers), 'worker')} of the scheduler at {self._address} gave no answer "
+            f"within {ANSWER_S:.0f} s: {', '.join(silent)}",
             hint="wake or end them, and run the same command again",
         )
 
@@ -333,6 +334,6 @@ def _describe_dask_error(error: BaseException) -> SafGenError:
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):
-        times = error.allowed_failures + 1
-        return SafGenError(f"{times} workers died running it (killed, or out of memory?); run the same command again")
+        times = plural(error.allowed_failures + 1, "worker")
+        return SafGenError(f"{times} died running it (killed, or out of memory?); run the same command again")
     return describe_job_error(error)

@@ -10,6 +10,7 @@ from html import escape
 import numpy as np
 from PIL import Image
 
+from saf_gen.core.plain_text import plural
 from saf_gen.stream.description import describe_content
 from saf_gen.stream.metadata import ReadableStream
 from saf_gen.stream.pictures.timeline import choose_windows
@@ -97,6 +98,6 @@ def stream_html(stream: ReadableStream) -> str:
     words = f"{pictures.window} frames each, around the frames {centres}"
     return (
         f"<div><b>{escape(stream.path.name)}</b><br>"
-        f'<img style="max-width:100%" src="{source}" alt="{strip.count} pictures: {words}"><br>'
+        f'<img style="max-width:100%" src="{source}" alt="{plural(strip.count, "picture")}: {words}"><br>'
         f"<small>{words}</small><table>{rows}</table></div>"
     )

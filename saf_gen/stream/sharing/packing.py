@@ -15,6 +15,7 @@ from pydantic import ConfigDict, FailFast, Field
 from saf_gen.core.config.document import STRICT, Document, validate_document
 from saf_gen.core.config.json_document import parse_json, read_json
 from saf_gen.core.files import atomic_file, check_writable, file_sha256, refuse_link, write_folder, write_text
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, verify_entry
 from saf_gen.stream.sharing.croissant import (
@@ -278,7 +279,7 @@ def _read_card(source: Path, manifest: Manifest, *, licences: Sequence[str], url
             )
         card["distribution"] = croissant_of(manifest, DatasetFacts("", ()), digest=digest)["distribution"]
     else:
-        described = f"Spike-camera recordings with lens positions: {len(manifest.sequences)} sequences."
+        described = f"Spike-camera recordings with lens positions: {plural(len(manifest.sequences), 'sequence')}."
         card = croissant_of(manifest, DatasetFacts(described, licences), digest=digest)
     if not licences and not card.get("license"):
         raise BadInput(
