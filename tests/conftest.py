@@ -238,14 +238,18 @@ def readable_figures(monkeypatch) -> Iterator[None]:
 
 @pytest.fixture
 def call(capsys) -> Callable[..., tuple[int, str, str]]:
-    """Return a function that runs saf-gen in this process and returns (exit code, stdout, stderr)."""
+    """Return a function that runs saf-gen in this process and returns (exit code, stdout, stderr).
 
-    def run_command(*arguments: object) -> tuple[int, str, str]:
+    Lines of progress are left out of stderr unless they are asked for with ``progress=True``.
+    """
+
+    def run_command(*arguments: object, progress: bool = False) -> tuple[int, str, str]:
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:
             main([str(argument) for argument in arguments])
         out, err = capsys.readouterr()
         # A busy machine may be at work for long.
-        return ended.value.code, out, re.sub(r"^\w+: at work for \d+ s\n", "", err, flags=re.MULTILINE)
+        left_out = r"^\w+: at work for \d+ s\n" + ("" if progress else r"|^(evaluate|rank|verify|tune) \d+%: .*\n")
+        return ended.value.code, out, re.sub(left_out, "", err, flags=re.MULTILINE)
 
     return run_command

@@ -102,17 +102,19 @@ def at_work(what: str) -> Iterator[None]:
         speaker.join()
 
 
-def terminal_reporter(verb: str, bars: Progress) -> Callable[[int, int, str], None]:
+def terminal_reporter(verb: str, bars: Progress, *, parts: int = 0) -> Callable[[int, int, str], None]:
     """Return a function that reports progress, called with (steps done, total steps, current step).
 
-    It updates a bar on a terminal, and prints a line every half minute if stderr is not a terminal.
+    It updates a bar on a terminal. If stderr is not a terminal, it prints a line whenever one of so many equal
+    ``parts`` of the steps has ended, and every half minute.
     """
-    task, printed = bars.add_task(verb, total=1), monotonic()
+    task, printed, ended = bars.add_task(verb, total=1), monotonic(), 0
 
     def report(done: int, total: int, what: str) -> None:
-        nonlocal printed
+        nonlocal printed, ended
         bars.update(task, completed=done, total=total, description=f"{verb} {what}")
-        if not err.is_terminal and monotonic() - printed >= LOG_EVERY_S:
+        before, ended = ended, done * parts // total
+        if not err.is_terminal and (ended > before or monotonic() - printed >= LOG_EVERY_S):
             printed = monotonic()
             err.print(f"{verb} {done / total:.0%}: {what}")
 

@@ -171,17 +171,18 @@ def test_evaluate_follows_its_options(call, dataset, tmp_path):
     assert "sd_code+sgfs_code:dt=50" in shown
 
 
-def test_a_log_gets_progress_of_long_evaluations(call, dataset, tmp_path, monkeypatch):
-    """Progress is one line every half minute, and none if the evaluation ends sooner."""
+def test_a_log_gets_progress_of_long_sequences(call, dataset, tmp_path, monkeypatch):
+    """A line every half minute names the method at work; otherwise there is a line for each sequence."""
+    command = ("evaluate", dataset, "--method", "sd+argmax")
     clock = iter(range(0, 1000, 20))  # seconds; each reading is a step later
     monkeypatch.setattr(_terminal, "monotonic", lambda: next(clock))
-    code, _, err = call("evaluate", dataset, "--method", "sd+argmax", "--out", tmp_path / "long")
-    lines = [line for line in err.splitlines() if line.startswith("evaluate ")]
+    code, _, err = call(*command, "--out", tmp_path / "long", progress=True)
     assert code == 0
-    assert lines[0].split(": ")[0] in ("evaluate 50%", "evaluate 67%", "evaluate 100%")
-    assert lines[0].endswith("sd+argmax")
+    assert any(re.fullmatch(r"evaluate \d+%: \S+ sd\+argmax", line) for line in err.splitlines())
     monkeypatch.setattr(_terminal, "monotonic", lambda: 0.0)
-    assert "%" not in call("evaluate", dataset, "--method", "sd+argmax", "--out", tmp_path / "short")[2]
+    lines = call(*command, "--out", tmp_path / "short", progress=True)[2].splitlines()
+    assert len(lines) > 1
+    assert all(re.fullmatch(r"evaluate \d+%: \S+", line) for line in lines)
 
 
 def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 
 import numpy as np
@@ -232,3 +233,14 @@ def test_what_is_tuned_is_evaluated_next_on_a_split_that_can_be(call, make, tmp_
     assert "best: sd+argmax:window=" in out
     assert file.is_file()
     assert out.splitlines()[-1] == f"{file}   (next: saf-gen evaluate {folder} --split validation --method @{file})"
+
+
+def test_a_log_has_the_split_and_a_line_for_each_sequence_that_ended(call, make):
+    """stderr is no terminal here; the lines name each sequence once, with the part of the work that is done."""
+    folder = make(train=1, test=3)
+    code, said, log = call("evaluate", folder, *METHOD, "--method", "sd+argmax:window=30", progress=True)
+    assert code == 0
+    assert said.startswith("split test: 3 sequences of 3 scenes; left out: 1 of train")
+    assert re.findall(r"^evaluate .*", log, re.MULTILINE) == [
+        f"evaluate {percent}%: test-{number}" for number, percent in enumerate((33, 67, 100))
+    ]
