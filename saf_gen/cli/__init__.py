@@ -35,7 +35,8 @@ from saf_gen.cli import (
     stream_commands,
 )
 from saf_gen.cli._examples import help_ending
-from saf_gen.cli._terminal import at_work, out, print_error
+from saf_gen.cli._terminal import at_work, err, out, print_error
+from saf_gen.core import cores
 from saf_gen.core.cores import STOPPING, check_address_space
 from saf_gen.core.user_code import describe_exit
 from saf_gen.errors import BadInput, SafGenError
@@ -282,6 +283,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
     try:
         check_address_space(MIN_MEMORY)
         words = (sys.argv[1:] if argv is None else argv)[:2]
+        if cores.IS_WINDOWS and words[:1] and words[0] not in cores.TRIED_ON_WINDOWS:
+            err.print(f"saf-gen: {cores.WINDOWS_ADVICE}")
         with at_work(words[0]) if words[:1] and words[0] in UNPACKING else nullcontext():
             code = root_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C

@@ -14,6 +14,7 @@ import numpy as np
 
 from saf_gen.camera import encode, get_sensor
 from saf_gen.camera.counting_law import count_deviations, count_variance, noise_per_spike
+from saf_gen.core import cores
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.extras import RENDERER, installed_version
 from saf_gen.core.kernel_cache import choose_kernel_cache
@@ -71,6 +72,8 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
     if hasattr(os, "sysconf"):  # not on Windows
         facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"
+    if cores.IS_WINDOWS:
+        advice.append(cores.WINDOWS_ADVICE)
     facts["compiled kernels"] = choose_kernel_cache()
     facts["scenes of yours"] = ", ".join(str(folder) for folder in all_trusted()) or "none registered"
     facts["Python"] = platform.python_version()

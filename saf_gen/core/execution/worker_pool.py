@@ -175,7 +175,7 @@ class _Worker:
             self.wait(0.0)
             return LOST_PIPE
         code = self.process.exitcode or 0
-        if -code == signal.SIGKILL:
+        if -code == getattr(signal, "SIGKILL", None):  # Windows has no such signal
             return "killed, or out of memory?"
         if code < 0:
             return signal.strsignal(-code) or f"signal {-code}"
