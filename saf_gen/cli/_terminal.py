@@ -106,7 +106,7 @@ def terminal_reporter(verb: str, bars: Progress, *, parts: int = 0) -> Callable[
     """Return a function that reports progress, called with (steps done, total steps, current step).
 
     It updates a bar on a terminal. If stderr is not a terminal, it prints a line whenever one of so many equal
-    ``parts`` of the steps has ended, and every half minute.
+    ``parts`` of the steps has ended, unless there is only one, and every half minute.
     """
     task, printed, ended = bars.add_task(verb, total=1), monotonic(), 0
 
@@ -114,7 +114,7 @@ def terminal_reporter(verb: str, bars: Progress, *, parts: int = 0) -> Callable[
         nonlocal printed, ended
         bars.update(task, completed=done, total=total, description=f"{verb} {what}")
         before, ended = ended, done * parts // total
-        if not err.is_terminal and (ended > before or monotonic() - printed >= LOG_EVERY_S):
+        if not err.is_terminal and ((ended > before and parts > 1) or monotonic() - printed >= LOG_EVERY_S):
             printed = monotonic()
             err.print(f"{verb} {done / total:.0%}: {what}")
 

@@ -143,7 +143,7 @@ def evaluate_command(
                 region=region,
                 protocol=protocol,
                 predictions=predictions,
-                progress=terminal_reporter("evaluate", bars, parts=len(selection.tasks) if len(selection.tasks) > 1 else 0),
+                progress=terminal_reporter("evaluate", bars, parts=len(selection.tasks)),
                 keep=kept,
                 cluster=cluster,
                 limits=limits,

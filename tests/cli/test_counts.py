@@ -2,14 +2,13 @@
 
 import ast
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from small_dataset import HERE
 
 import saf_gen
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.notes import notes_on
 
 CLI = sorted((HERE.parent / "saf_gen/cli").glob("*.py"))
 NOUNS = (
@@ -24,7 +23,7 @@ def plurals_after_a_number(path):
     """Yield the line and the words that follow a value in an f-string of a file, where a plural comes at once."""
     for text in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         parts = text.values if isinstance(text, ast.JoinedStr) else ()
-        for value, after in zip(parts, parts[1:], strict=False):
+        for value, after in pairwise(parts):
             if isinstance(value, ast.FormattedValue) and isinstance(after, ast.Constant):
                 found = re.match(rf" (?:{'|'.join(NOUNS)})\b.*", after.value)
                 if found and not any(found[0].startswith(f" {many}") for many in MANY):
