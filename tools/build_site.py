@@ -3,15 +3,19 @@
 The pages of the repository are copied to a folder with the same layout, so that their links remain valid, and Sphinx
 builds a site from them with a search that needs no server. Two pages are only on the site: every command with its
 options, and every public name with its docstring. Then every link, anchor and resource in the built pages is
-checked: all links must have a target, and nothing may be loaded from another host. A warning is an error.
+checked: all links must have a target, nothing may be loaded from another host, and the search must find what readers
+look for. A warning is an error.
 """
 
 import argparse
+import json
 import re
 import shutil
+import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -23,6 +27,18 @@ PAGES = ("*.md", "docs/**/*.md", "studies/**/*.md", "scenes/*/SOURCE.md", "datas
 MADE = {"docs/reference/commands.md": commands_page, "docs/reference/python.md": python_page}
 """Pages that are only on the site, and the functions that make them."""
 LINK = re.compile(r"\]\(([^)\s#]+)")
+WHOLE_LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)\)")
+SEARCHED = {
+    "1000": "docs/how-to/import.md",
+    "1000 x 1000": "docs/how-to/import.md",
+    "depth map": "docs/reference/file-layout.md",
+    "ground truth": "docs/explanation/truth-and-ranking.md",
+    "pytorch cpu": "docs/how-to/install.md",
+}
+"""What readers search for, and the page that the search of the site must list first.
+
+The search orders pages by their titles and does not count words, so these become entries of the index of these pages.
+"""
 LOADING = {"img": "src", "script": "src", "iframe": "src", "source": "src", "video": "src"}
 """Attributes from which elements load resources, by tag."""
 
@@ -33,6 +49,8 @@ def stage(target: Path) -> None:
     for page in pages:
         text = page.read_text(encoding="utf-8")
         text = "".join(line for line in text.splitlines(keepends=True) if "](../../actions/" not in line)  # badges
+        text = WHOLE_LINK.sub(partial(unlink_folder, page), text)
+        text += "".join(f"\n```{{index}} ! {query}\n```\n" for query, name in SEARCHED.items() if page == ROOT / name)
         if page == ROOT / "README.md":
             text += toctrees(pages)
         copy = target / page.relative_to(ROOT)
@@ -47,6 +65,11 @@ def stage(target: Path) -> None:
     for name, make in MADE.items():
         (target / name).write_text(make(), encoding="utf-8")
     shutil.copytree(ROOT / "tools/site", target, dirs_exist_ok=True)
+
+
+def unlink_folder(page: Path, link: re.Match[str]) -> str:
+    """Return a link of a page as it is, or its text alone if it leads to a folder, of which the site has no page."""
+    return link[1] if (page.parent / link[2]).is_dir() else link[0]
 
 
 def toctrees(pages: list[Path]) -> str:
@@ -112,6 +135,21 @@ def find_faults(site: Path) -> Iterator[str]:
             yield f"{path.relative_to(site)} loads {found[0]}"
 
 
+def find_lost_searches(site: Path, searched: Mapping[str, str]) -> Iterator[str]:
+    """Yield a line for each of these queries whose page is not the first that the search of the site lists.
+
+    Node runs the search; without Node, nothing is checked.
+    """
+    node = shutil.which("node")
+    if node is None:
+        return
+    command = [node, str(ROOT / "tools/search_site.js"), str(site), *searched]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    for (query, page), found in zip(searched.items(), json.loads(ran.stdout), strict=True):
+        if [f"{name}.md" for name in found[:1]] != [page]:
+            yield f"the search for {query!r} lists {found[0] if found else 'nothing'}, not {page}"
+
+
 def build(target: Path) -> int:
     """Build the site into a folder, and return the number of faults, or the exit code of Sphinx if it fails."""
     from sphinx.cmd.build import build_main
@@ -124,7 +162,7 @@ def build(target: Path) -> int:
         if code:
             return code
         shutil.copyfile(made / "README.html", made / "index.html")
-        faults = list(find_faults(made))
+        faults = [*find_faults(made), *find_lost_searches(made, SEARCHED)]
         sys.stdout.writelines(f"{fault}\n" for fault in faults)
         if not faults:
             shutil.rmtree(target, ignore_errors=True)
