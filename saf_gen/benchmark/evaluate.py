@@ -155,7 +155,7 @@ def evaluate(
     if protocol is None:
         check_leaves_lens(list(chosen.values()))
     groups = by_region(chosen, region)
-    count = sum(len(group) for group in groups.values())
+    count = max(1, sum(len(group) for group in groups.values()))  # predictions alone are one step, too
     selection = select_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
     tasks = selection.tasks
     prediction_set = None
@@ -299,7 +299,7 @@ def _run_locally(
     again: Repetition | None = None,
 ) -> Generator[EndedSequence]:
     """Evaluate the sequences one after the other in this process, or only what is repeated of them."""
-    count = sum(map(len, groups.values()))
+    count = max(1, sum(map(len, groups.values())))
     for number, task in enumerate(tasks):
         draw = drawn.get(number, "")
         part = store.reuse(task, draw=draw)
@@ -313,7 +313,10 @@ def _run_locally(
                     missing,
                     protocol=protocol,
                     predictions=predictions,
-                    step=lambda done, what, task=task: step(done, f"{task.id} {what}".strip()),  # type: ignore[misc]
+                    # The last step is left for when the answers are kept.
+                    step=lambda done, what, task=task: step(  # type: ignore[misc]
+                        min(done, count - 1), f"{task.id} {what}".strip()
+                    ),
                     draw=draw,
                 )
             except (BadInput, OSError, MemoryError) as error:
@@ -353,7 +356,7 @@ def _run_on_cluster(
     step: Callable[[int, str], None],
 ) -> Generator[EndedSequence]:
     """Evaluate the sequences on the workers of a cluster, in any order; each worker builds the methods from names."""
-    jobs, count = [], sum(map(len, groups.values()))
+    jobs, count = [], max(1, sum(map(len, groups.values())))
     for number, task in enumerate(tasks):
         part = store.reuse(task, draw=drawn.get(number, ""))
         if part is not None:
