@@ -60,8 +60,8 @@ def _check_samples(maker: DatasetMaker, quick: bool) -> Finding:
         Comparison("warnings of evaluate at one sample, by the Laplacian", float(len(warned)), at_least=1.0)
     )
     x = tuple(map(float, range(len(scenes))))
-    curves = (Curve("sensor", x, tuple(noise for _ in x)), Curve("grain", x, tuple(shown), "points"))
-    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "relative rms", curves))
+    curves = (Curve("sensor", x, tuple(noise for _ in x), "marks"), Curve("grain", x, tuple(shown), "points"))
+    return Finding(tuple(comparisons), Plot("scene", "relative rms", curves, names=scenes))
 
 
 def _check_positions(maker: DatasetMaker, quick: bool) -> Finding:
@@ -153,8 +153,8 @@ def _check_slices(maker: DatasetMaker, quick: bool) -> Finding:
         comparisons.append(Comparison(what, error, 0.0, 0.0, noise))
         shown.append(error)
     x = tuple(map(float, range(len(shown))))
-    curves = (Curve("sensor", x, tuple(noise for _ in x)), Curve("slices", x, tuple(shown), "points"))
-    return Finding(tuple(comparisons), Plot(f"scene: {', '.join(scenes)}", "relative rms", curves))
+    curves = (Curve("sensor", x, tuple(noise for _ in x), "marks"), Curve("slices", x, tuple(shown), "points"))
+    return Finding(tuple(comparisons), Plot("scene", "relative rms", curves, names=tuple(scenes)))
 
 
 def _noise_of_block(sensor: Sensor) -> float:

@@ -84,24 +84,29 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a plot: a line, or points with error bars. All its sequences have the same length, or are empty."""
+    """A curve of a plot. All its sequences have the same length, or are empty.
+
+    A ``line`` is a law that holds between its values, too; ``marks`` are a law at single places, such as whole numbers;
+    ``points`` are what was measured, with error bars.
+    """
 
     label: str
     x: tuple[float, ...]
     y: tuple[float, ...]
-    kind: Literal["line", "points"] = "line"
+    kind: Literal["line", "marks", "points"] = "line"
     error: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Plot:
-    """The data of the plot of a law."""
+    """The data of the plot of a law; with ``names``, the horizontal axis names things, and x counts them from 0."""
 
     x_label: str
     y_label: str
     curves: tuple[Curve, ...]
     log_x: bool = False
     log_y: bool = False
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

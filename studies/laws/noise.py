@@ -79,7 +79,7 @@ def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
                 errors.append(found.high - found.measured)
         x = tuple(n * rate for n in windows)
         curves += [
-            Curve(f"law, rate {rate:g}", x, tuple(law)),
+            Curve(f"law, rate {rate:g}", x, tuple(law), "marks"),
             Curve(f"stream, rate {rate:g}", x, tuple(seen), "points", tuple(errors)),
         ]
     light = (windows[0] * RATES[0], windows[-1] * RATES[-1])
@@ -136,7 +136,7 @@ def _check_intervals(maker: DatasetMaker, quick: bool) -> Finding:
         found = np.bincount(seen, minlength=int(numbers[-1]) + 1)[numbers[shown]] / seen.size
         x = tuple((numbers[shown] / mean).tolist())
         curves.append(Curve(f"rate {rate:g}", x, tuple(found.tolist()), "points"))
-        curves.append(Curve(f"law, {rate:g}", x, tuple(probabilities[shown].tolist())))
+        curves.append(Curve("" if len(curves) > 1 else "law", x, tuple(probabilities[shown].tolist()), "marks"))
     return Finding(tuple(comparisons), Plot("interval / mean", "probability", tuple(curves)))
 
 
@@ -242,7 +242,7 @@ def _check_independence(maker: DatasetMaker, quick: bool) -> Finding:
     error = tuple(one.high - one.measured for one in seen)
     curves = (
         Curve("stream", x, tuple(one.measured for one in seen), "points", error),
-        Curve("law", x, tuple(one.expected for one in seen)),
+        Curve("law", x, tuple(one.expected for one in seen), "marks"),
     )
     return Finding(tuple(comparisons), Plot("windows apart", "covariance of counts", curves))
 

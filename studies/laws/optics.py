@@ -150,7 +150,10 @@ def _compare_edges(maker: DatasetMaker, quick: bool, *, breathing: bool) -> Find
             comparisons.append(found)
             seen.append(found.measured)
             law.append(right)
-        curves += [Curve(f"law, {drive}", STOPS, tuple(law)), Curve(f"stream, {drive}", STOPS, tuple(seen), "points")]
+        curves += [
+            Curve(f"law, {drive}", STOPS, tuple(law), "marks"),  # between these stops the blur falls to 0
+            Curve(f"stream, {drive}", STOPS, tuple(seen), "points"),
+        ]
     what = "edge off the axis, pixels" if breathing else "blur, pixels"
     return Finding(tuple(comparisons), Plot("position", what, tuple(curves)))
 

@@ -33,7 +33,7 @@ def write_page(laws: Sequence[Law], findings: Mapping[str, Finding], *, folder: 
         if law.name in findings:
             found = findings[law.name]
             if found.plot is not None:
-                draw_plot(found.plot, folder / PICTURES / _picture(law))
+                draw_plot(found.plot, folder / PICTURES / _picture(law), title=law.name.replace("_", " "))
             shown.append((law, _row(law, found), _section(law, found)))
         elif law.name in kept:
             shown.append((law, *kept[law.name]))
@@ -161,15 +161,31 @@ def format_number(value: float, step: float = math.inf) -> str:
     return f"{value:.2e}" if abs(value) < 1e-3 else f"{value:.4g}"
 
 
-def draw_plot(plot: Plot, path: Path) -> None:
+def draw_plot(plot: Plot, path: Path, *, title: str) -> None:
     """Write a plot as PNG with 48 colours, about seven kilobytes; a law and its points share a colour."""
+    figure = make_figure(plot, title)
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png")
+    with atomic_file(path) as part, Image.open(drawn) as picture:
+        picture.convert("RGB").quantize(48).save(part, format="png", optimize=True)
+
+
+def make_figure(plot: Plot, title: str) -> Figure:
+    """Return the figure of a plot."""
     figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    for n, curve in enumerate(plot.curves):
-        colour = COLOURS[n // 2 % len(COLOURS)]
+    number, drawn = 0, set[bool]()  # of the colour: whether it already has points, and whether it has a law
+    for curve in plot.curves:
+        is_measured = curve.kind == "points"
+        if is_measured in drawn:
+            number, drawn = number + 1, set()
+        drawn.add(is_measured)
+        colour = COLOURS[number % len(COLOURS)]
         if curve.kind == "line":
             axes.plot(curve.x, curve.y, color=colour, linewidth=1, label=curve.label)
+        elif curve.kind == "marks":
+            axes.plot(curve.x, curve.y, "_", color=colour, markersize=10, markeredgewidth=1, label=curve.label)
         else:
             axes.errorbar(
                 curve.x,
@@ -183,13 +199,15 @@ def draw_plot(plot: Plot, path: Path) -> None:
             )
     axes.set_xscale("log" if plot.log_x else "linear")
     axes.set_yscale("log" if plot.log_y else "linear")
+    if plot.names:
+        axes.set_xticks(range(len(plot.names)), plot.names)
+        axes.set_xlim(-0.5, len(plot.names) - 0.5)
+        axes.set_ylim(bottom=0)
+    axes.set_title(title, fontsize=9, loc="left")
     axes.set_xlabel(plot.x_label, fontsize=8)
     axes.set_ylabel(plot.y_label, fontsize=8)
     axes.tick_params(labelsize=7)
     axes.spines[["top", "right"]].set_visible(False)
     if len(plot.curves) > 1:
         axes.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    drawn = BytesIO()
-    figure.savefig(drawn, format="png")
-    with atomic_file(path) as part, Image.open(drawn) as picture:
-        picture.convert("RGB").quantize(48).save(part, format="png", optimize=True)
+    return figure

@@ -145,7 +145,7 @@ def _read(file: Path) -> Finding:
     )
     return Finding(
         tuple(Comparison(**one) for one in found["comparisons"]),
-        plot and Plot(**plot | {"curves": curves}),
+        plot and Plot(**plot | {"curves": curves, "names": tuple(plot["names"])}),
         tuple(found["remarks"]),
     )
 

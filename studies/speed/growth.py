@@ -140,14 +140,15 @@ def measure(plan: Plan, curves: list[str], *, call: Callable[..., Measured]) -> 
 
 def draw(found: dict[str, Any], path: Path) -> None:
     """Draw a column for each curve, with time above and peak memory below."""
-    figure, grid = panels(2, len(found), width=2.7 * len(found), height=4.8)
+    figure, grid = panels(2, len(found), width=1.85 * len(found), height=4.8)
+    figure.suptitle("Growth of time and memory with the size of the work; slope: the exponent at the end", fontsize=11)
     for column, (curve, data) in enumerate(found.items()):
         for row, (key, unit, colour) in enumerate(
             (("seconds", "time (s)", BLUE), ("peak_gib", "peak memory (GiB)", ORANGE))
         ):
             axes = grid[row, column]
             log_log(axes, data["size"], y=data[key], colour=colour)
-            axes.set_title(f"{curve}: slope {data[f'slope_{key}']:.2f}")
+            axes.set_title(f"slope {data[f'slope_{key}']:.2f}")
             wide(axes, data[key])
             if column == 0:
                 axes.set_ylabel(unit)

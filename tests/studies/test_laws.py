@@ -1,6 +1,7 @@
 """The laws of studies/laws, each at its small size and at full size, and how their figures are judged."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ from scipy import stats
 
 from saf_gen.camera import counting_law
 from saf_gen.errors import SafGenError
-from studies.laws import run
+from studies.laws import page, run
 from studies.laws.law import Comparison, Curve, Finding, Law, Plot, Skipped, compare_chi_squared, compare_mean
+from studies.laws.page import make_figure
 from studies.laws.run import LAWS, check_laws, choose_laws, main
 from studies.laws.theory import autocovariance, count_variance
 from studies.laws.workload import DatasetMaker
@@ -192,3 +194,39 @@ def test_covariances_of_windows_add_up_to_the_variance_of_the_long_window():
     covariance = autocovariance(40, lags, rate=0.2, per_spike=per_spike)
     total = float((np.where(lags == 0, 1, 2) * (50 - lags) * covariance).sum())
     assert total == pytest.approx(float(counting_law.count_variance(400.0, 400.0 * per_spike)), rel=1e-9)
+
+
+def draw(*curves, **options):
+    return make_figure(Plot("x", "y", curves, **options), "a law").axes[0]
+
+
+def test_scenes_are_named_on_the_axis_and_no_line_joins_them():
+    x = (0.0, 1.0)
+    axes = draw(
+        Curve("sensor", x, (2.0, 2.0), "marks"), Curve("grain", x, (1.0, 0.5), "points"), names=("fan", "camel")
+    )
+    assert [tick.get_text() for tick in axes.get_xticklabels()] == ["fan", "camel"]
+    assert list(axes.get_xticks()) == [0, 1]
+    assert axes.get_xlim() == (-0.5, 1.5)
+    assert {line.get_linestyle() for line in axes.lines} == {"None"}
+    assert axes.get_title(loc="left") == "a law"
+
+
+def test_a_law_at_single_places_is_not_joined_and_a_law_between_them_is():
+    axes = draw(Curve("law", (1.0, 2.0), (1.0, 2.0), "marks"), Curve("smooth", (1.0, 2.0), (1.0, 2.0)))
+    assert [line.get_linestyle() for line in axes.lines] == ["None", "-"]
+
+
+def test_what_was_measured_has_the_colour_of_its_law_and_each_law_its_own():
+    x = (1.0, 2.0)
+    law, seen = Curve("law, a", x, x), Curve("seen, a", x, x, "points")
+    for curves in ((law, seen, law, seen), (seen, law, seen, law)):
+        first, second, third, fourth = (line.get_color() for line in draw(*curves).lines)
+        assert first == second != third == fourth
+    assert len({line.get_color() for line in draw(law, law, law).lines}) == 3
+
+
+def test_no_law_writes_the_names_of_scenes_into_the_label_of_an_axis():
+    """The axis names them instead, so that no scene has a number."""
+    for source in sorted((Path(page.__file__).parent).glob("*.py")):
+        assert 'Plot(f"' not in source.read_text(encoding="utf-8"), source.name
