@@ -1,6 +1,7 @@
 """The picture of curves in README: its texts are large enough where it is shown, and do not overlap."""
 
 import sys
+from contextlib import ExitStack
 
 import pytest
 from figure_texts import hidden_labels, overlapping_texts
@@ -29,7 +30,9 @@ def tool():
 @pytest.fixture(scope="module")
 def figure(tool):
     lights = ("constant", "continuous", "sudden")
-    return tool.draw_curves([open_stream(sample() / f"test/usaf_target-{light}-00.h5") for light in lights])
+    with ExitStack() as opened:
+        streams = [open_stream(sample() / f"test/usaf_target-{light}-00.h5") for light in lights]
+        return tool.draw_curves([opened.enter_context(stream) for stream in streams])
 
 
 def test_every_text_can_be_read_where_the_picture_is_shown_and_none_overlap(tool, figure):
@@ -49,6 +52,7 @@ def test_it_has_a_title_one_legend_and_a_panel_for_each_light(tool, figure):
 
 
 def test_the_picture_in_the_repository_was_drawn_by_the_tool(tool):
-    width, height = Image.open(ROOT / "docs/pictures/curves-usaf_target.png").size
+    with Image.open(ROOT / "docs/pictures/curves-usaf_target.png") as picture:
+        width, height = picture.size
     assert (width, height) == tuple(round(inches * tool.DOTS_PER_INCH) for inches in tool.SIZE_INCHES)
     assert width == 2 * tool.SHOWN_WIDTH_PX

@@ -49,7 +49,8 @@ def _without_region(method: str) -> str:
 
 def _spell_out(name: str, kind: str) -> str:
     """Return the words for one name; '' if it is not part of saf_gen."""
-    forms, bare = [], name
+    forms: list[str] = []
+    bare = name
     while not is_builtin_name(kind, bare):
         form = next((ending for ending in FORMS if kind == "measures" and bare.endswith(ending)), None)
         if form is None:

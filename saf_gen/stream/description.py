@@ -97,7 +97,7 @@ def describe_flaws(metadata: Metadata) -> dict[str, str]:
     """Return as texts by name how many bad pixels are masked and how many readouts are lost, if any are."""
     flaws = {}
     if (mask := metadata.mask) is not None:
-        bad = plural(np.count_nonzero(mask), "bad pixel")
+        bad = plural(int(np.count_nonzero(mask)), "bad pixel")
         flaws["mask"] = f"{bad} ({np.mean(mask):.2%}), filled in counts and pictures"
     if (readout := metadata.readout) is not None:
         gaps = np.count_nonzero(np.diff(readout) > 1)
