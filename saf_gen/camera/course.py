@@ -6,7 +6,7 @@ they follow it, down to 0.1 µs.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class LightCourse:
     Attributes
     ----------
     seconds : ndarray of float64, shape (n + 1,)
-        Edges of the cells, rising from 0.
+        Edges of the cells, rising.
     index : ndarray of int64, shape (n + 1,)
         Knot before the position of the lens at each edge.
     fraction : ndarray of float64, shape (n + 1,)
@@ -48,11 +48,10 @@ class LightCourse:
         position: Callable[[np.ndarray], np.ndarray],
         integrals: Sequence[Callable[[np.ndarray], np.ndarray]],
         *,
-        duration_s: float,
+        span_s: tuple[float, float],
         knots: int,
-        step_s: float = STEP_S,
     ) -> "LightCourse":
-        """Return the course of a lens and of light groups over a recording.
+        """Return the course of a lens and of light groups over a recording, or a part of it.
 
         Parameters
         ----------
@@ -60,21 +59,22 @@ class LightCourse:
             Position of the lens at each time, 0 at the first knot to 1 at the last.
         integrals : sequence of callable
             Integral of the gain from 0 to each time, one for each light group.
-        duration_s : float
-            Length of the recording, seconds.
+        span_s : tuple of float
+            Begin and end, seconds.
         knots : int
             Number of knots, evenly spaced over the travel.
-        step_s : float
-            Longest cell, seconds.
 
         Raises
         ------
         BadInput
-            If the length is not above 0, or a gain falls below 0.
+            If the end is not after the begin, or a gain falls below 0.
         """
-        if not 0 < duration_s < np.inf:
-            raise BadInput(f"the recording lasts {duration_s!r} s", allowed="seconds, above 0")
-        edges = np.linspace(0.0, duration_s, max(int(np.ceil(duration_s / step_s)), 1) + 1)
+        begin, end = span_s
+        if not 0 <= begin < end < np.inf:
+            raise BadInput(
+                f"the recording lasts from {begin!r} to {end!r} s", allowed="seconds, the end after the begin"
+            )
+        edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / STEP_S)), 1) + 1)
         while True:
             bent = _bends(edges, position=position, knots=knots)
             for integral in integrals:
@@ -94,6 +94,20 @@ class LightCourse:
         """Return the cells ``begin`` to ``end``, the latter not included."""
         edges = slice(begin, end + 1)
         return LightCourse(self.seconds[edges], self.index[edges], self.fraction[edges], self.gain[begin:end])
+
+    def mixed(self, begin_s: float, end_s: float) -> "LightCourse":
+        """Return the course of twice as many groups: those of an earlier picture of the scene, then of a later one.
+
+        The picture changes evenly from the earlier one at ``begin_s`` to the later one at ``end_s``.
+        """
+        later = np.stack([self.seconds[:-1], self.seconds[1:]], axis=1)
+        later = np.clip((later - begin_s) / (end_s - begin_s), 0.0, 1.0)[:, :, None]
+        gain = np.concatenate([self.gain * (1 - later), self.gain * later], axis=2)
+        return replace(self, gain=gain)
+
+    def seen_from(self, knot: int) -> "LightCourse":
+        """Return the course for a stack whose first knot is this one."""
+        return replace(self, index=self.index - knot)
 
 
 def _ends(edges: np.ndarray, integral: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """The event camera, compared with closed forms, with a solver of differential equations, and with its own laws."""
 
 import hashlib
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,16 +21,12 @@ SHAPE = (2, 3)
 
 def davis(*on, **changes):
     """Return the davis346 with only these imperfections, and no dark current."""
-    return get_event_sensor(
-        "davis346", **{"dark_e_per_s": NO_DARK, **changes}, noise=QUIET | dict.fromkeys(on, True)
-    )
+    return get_event_sensor("davis346", **{"dark_e_per_s": NO_DARK, **changes}, noise=QUIET | dict.fromkeys(on, True))
 
 
 def course(light, seconds):
     """Return the course of one light group with this schedule, before a lens that stands."""
-    return LightCourse.follow(
-        lambda t: 0 * t, [lambda t: light.integral(t, seconds)], duration_s=seconds, knots=1
-    )
+    return LightCourse.follow(lambda t: 0 * t, [lambda t: light.integral(t, seconds)], span_s=(0.0, seconds), knots=1)
 
 
 def record(sensor, light, *, seconds, level, shape=SHAPE, seed=1):
@@ -242,12 +239,12 @@ def busy(threads=2, cuts=(), seed=3, name="davis346"):
     whole = LightCourse.follow(
         lambda t: t / seconds,
         [lambda t, one=one: one.integral(t, seconds) for one in lights],
-        duration_s=seconds,
+        span_s=(0.0, seconds),
         knots=5,
     )
     camera = EventCamera(get_event_sensor(name), (30, 40), seed=seed, threads=threads)
     edges = [0, *cuts, len(whole.seconds) - 1]
-    parts = [camera.record(stack, whole.block(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [camera.record(stack, whole.block(a, b)) for a, b in pairwise(edges)]
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 

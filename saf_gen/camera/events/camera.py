@@ -65,9 +65,7 @@ def encode_events(light: np.ndarray, sensor: EventSensor | str, *, seconds: floa
     """
     light = validate_signal("charge", light)
     sensor = sensor if isinstance(sensor, EventSensor) else get_event_sensor(sensor)
-    course = LightCourse.follow(
-        lambda at: at / seconds, [lambda at: at], duration_s=seconds, knots=light.shape[0]
-    )
+    course = LightCourse.follow(lambda at: at / seconds, [lambda at: at], span_s=(0.0, seconds), knots=light.shape[0])
     return EventCamera(sensor, light.shape[1:], seed=seed).record(light[None], course)
 
 
