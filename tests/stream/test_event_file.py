@@ -168,8 +168,7 @@ def test_a_flipped_byte_is_found_or_changes_nothing(path):
             with saf_gen.open_events(path) as events:
                 events.verify()
                 held = events.events(0, 0.2)
-        except BadInput as error:
-            assert "\n" not in str(error)
+        except BadInput:
             found += 1
             continue
         for got, wanted in zip(held, put, strict=True):

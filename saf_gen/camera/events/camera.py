@@ -178,7 +178,7 @@ class EventCamera:
 
         An event is read when it happens, or when the one before it has been read if that is later.
         """
-        order = np.argsort(when, kind="stable")  # pixels are in order already
+        order = np.lexsort((pixel, when))
         when, pixel = when[order], pixel[order]
         if self.sensor.noise.readout and when.size:
             pause = 1.0 / self.sensor.readout_events_per_s

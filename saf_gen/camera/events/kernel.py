@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from saf_gen.core.compiled import compiled
+unchecked = njit(nogil=True, cache=True, error_model="numpy")
+"""Compile without checks of divisors, none of which is 0, because the checks keep loops from being vectorised."""
 
 U = np.uint64
 INVERSE_LOG_2, LOG_2_HIGH, LOG_2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10
@@ -29,21 +30,21 @@ FACTORS = tuple(1.0 / factorial(n) for n in range(14))  # of the series of exp
 HALVES = 2.0 ** -np.arange(1023.0)
 RECEPTOR, STORED, DEAD_UNTIL, PATIENCE = range(4)  # rows of the state
 ON_FACTOR, OFF_FACTOR, DRIFT = range(3)  # rows of the constants
+LANES = 64  # pixels that are advanced together
 EXPONENTIALS = 1 << 16
 """Entries of the table of exponential waiting times."""
 
 
 @njit(inline="always")
 def _exp(x: Any) -> Any:
-    """Return exp(x) of x ≤ 0 to a relative 1e-15, from sums and products alone; 0 below -700."""
-    if x < -700.0:
-        return 0.0
+    """Return exp(x) of x ≤ 0 to a relative 1e-15, from sums and products alone; 1e-304 below -700."""
+    x = max(x, -700.0)
     k = np.floor(x * INVERSE_LOG_2 + 0.5)
     r = x - k * LOG_2_HIGH - k * LOG_2_LOW
     series = FACTORS[13]
     for n in range(12, -1, -1):
         series = FACTORS[n] + r * series
-    return series * HALVES[int(-k)]
+    return series * HALVES[U(np.int32(-k))]
 
 
 @njit(inline="always")
@@ -69,7 +70,7 @@ def _slope(t: Any, w: Any, slope: Any, rest: Any, tau: Any) -> Any:
     return -slope / (light * light)
 
 
-@njit
+@unchecked
 def _turn(begin: Any, end: Any, w: Any, slope: Any, rest: Any, tau: Any) -> Any:
     """Return when u turns between two times at which its slopes differ in sign, by bisection to 0.1 ns."""
     rises = _slope(begin, w, slope, rest, tau) > 0.0
@@ -82,7 +83,7 @@ def _turn(begin: Any, end: Any, w: Any, slope: Any, rest: Any, tau: Any) -> Any:
     return 0.5 * (begin + end)
 
 
-@njit
+@unchecked
 def _crossing(
     begin: Any, end: Any, w: Any, slope: Any, rest: Any, tau: Any, bound: Any, drift: Any, side: Any
 ) -> Any:  # fmt: skip
@@ -106,7 +107,83 @@ def _crossing(
     return t
 
 
-@compiled
+@njit(inline="always")
+def _add_light(
+    light: Any, dark: Any, stack: Any, base: Any, width: Any, knot: Any, fraction: Any, gain: Any
+) -> Any:  # fmt: skip
+    """Set the light of the pixels of a block at an edge of a cell."""
+    after = min(knot + 1, stack.shape[1] - 1)
+    for i in range(width):
+        light[i] = dark
+    for g in range(stack.shape[0]):
+        for i in range(width):
+            a, b = np.float64(stack[g, knot, base + i]), np.float64(stack[g, after, base + i])
+            light[i] += gain[g] * (a + fraction * (b - a))
+
+
+@unchecked
+def _fire(
+    start: Any, span: Any, u: Any, after: Any, w: Any, slope: Any, rest: Any, tau: Any, stored: Any, on: Any, off: Any,
+    drift: Any, dead: Any, patience: Any, hazard: Any, refractory_s: Any, drawn: Any, pixel_key: Any, waits: Any,
+    pixel: Any, when: Any, where: Any, rises: Any, written: Any
+) -> Any:  # fmt: skip
+    """Write the events of a pixel in a cell; return its stored level, reset, waiting time, draws, and all events."""
+    begin, steady = 0.0, True
+    if tau > 0.0:
+        steady = (_slope(0.0, w, slope, rest, tau) > 0.0) == (_slope(span, w, slope, rest, tau) > 0.0)
+    turn = span if steady else _turn(0.0, span, w, slope, rest, tau)
+    while True:
+        if dead >= 0.0:  # in reset: nothing is compared, and the level at its end is stored
+            if dead >= start + span:
+                break
+            begin = max(dead - start, 0.0)
+            stored, dead = _level(begin, w, slope, rest, tau) / (1.0 + drift * begin), -1.0
+        end = turn if begin < turn else span
+        reached = u if begin == 0.0 else _level(begin, w, slope, rest, tau)
+        at, rising = np.inf, False
+        if reached <= stored * on * (1.0 + drift * begin):  # a jump of the light
+            at, rising = begin, True
+        elif reached >= stored * off * (1.0 + drift * begin):
+            at = begin
+        else:
+            level = after if end == span else _level(end, w, slope, rest, tau)
+            if level <= stored * on * (1.0 + drift * end):
+                at = _crossing(begin, end, w, slope, rest, tau, stored * on, drift, -1.0)
+                rising = True
+            elif level >= stored * off * (1.0 + drift * end):
+                at = _crossing(begin, end, w, slope, rest, tau, stored * off, drift, 1.0)
+        until = min(at, end)
+        if hazard * (until - begin) >= patience and hazard > 0.0:
+            at = begin + patience / hazard
+            word = _mixed(pixel_key + drawn * U(0xD1342543DE82EF95))
+            drawn += U(1)
+            rising = (word & U(1)) == U(0)
+            patience = waits[(word >> U(1)) & U(EXPONENTIALS - 1)]
+            fired = True
+        else:
+            patience -= hazard * (until - begin)
+            fired = at < np.inf
+        if not fired:
+            begin = end
+            if end == span:
+                break
+            continue
+        if written < when.shape[0]:
+            when[written], where[written], rises[written] = start + at, pixel, rising
+        written += 1
+        if refractory_s > 0.0:
+            dead = start + at + refractory_s
+            continue
+        # Without a reset, a jump of the light passes several thresholds at one instant.
+        drifted = stored * (1.0 + drift * at)
+        jumped = at == begin and not drifted * on < reached < drifted * off
+        crossed = on if rising else off
+        stored = stored * crossed if jumped else _level(at, w, slope, rest, tau) / (1.0 + drift * at)
+        begin = at
+    return stored, dead, patience, drawn, written
+
+
+@unchecked
 def record_pixels(
     first: Any, stop: Any, stack: Any, seconds: Any, index: Any, fraction: Any, gain: Any, dark: Any, receptor_e: Any,
     receptor_s: Any, refractory_s: Any, shot_hz: Any, shot_half: Any, constants: Any, state: Any, draws: Any, key: Any,
@@ -151,101 +228,81 @@ def record_pixels(
     when, where, rises : ndarray of float64, int64, bool, shape (room,)
         Receive the instant, pixel and polarity of each event.
     """
-    groups, knots, cells = stack.shape[0], stack.shape[1], seconds.shape[0] - 1
+    cells = seconds.shape[0] - 1
     room, written = when.shape[0], 0
-    for pixel in range(first, stop):
-        before = written
-        saved_u, saved_stored = state[RECEPTOR, pixel], state[STORED, pixel]
-        saved_dead, saved_patience, saved_draws = state[DEAD_UNTIL, pixel], state[PATIENCE, pixel], draws[pixel]
-        on, off, drift = constants[ON_FACTOR, pixel], constants[OFF_FACTOR, pixel], constants[DRIFT, pixel]
-        u, stored, dead, patience, drawn = saved_u, saved_stored, saved_dead, saved_patience, saved_draws
-        pixel_key = _mixed(key + U(pixel) * U(0x9E3779B97F4A7C15))
+    follows = receptor_e > 0.0 or receptor_s > 0.0
+    light0, light1 = np.empty(LANES), np.empty(LANES)
+    level, slope, rest = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    tau, after, hazard = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    calm = np.empty(LANES, np.bool_)
+    drawn = np.empty(LANES, np.uint64)
+    u, stored, dead, patience = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    on, off, drift = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for block in range(first, stop, LANES):
+        base, width, before = U(block), U(min(LANES, stop - block)), written
+        for i in range(width):
+            pixel = base + i
+            u[i], stored[i], drawn[i] = state[RECEPTOR, pixel], state[STORED, pixel], draws[pixel]
+            dead[i], patience[i] = state[DEAD_UNTIL, pixel], state[PATIENCE, pixel]
+            on[i], off[i], drift[i] = constants[ON_FACTOR, pixel], constants[OFF_FACTOR, pixel], constants[DRIFT, pixel]
         for cell in range(cells):
-            start, light0, light1 = seconds[cell], dark, dark
+            start = seconds[cell]
             span = seconds[cell + 1] - start
-            k0, k1, f0, f1 = index[cell], index[cell + 1], fraction[cell], fraction[cell + 1]
-            n0, n1 = min(k0 + 1, knots - 1), min(k1 + 1, knots - 1)
-            for g in range(groups):
-                a, b = np.float64(stack[g, k0, pixel]), np.float64(stack[g, n0, pixel])
-                light0 += gain[cell, 0, g] * (a + f0 * (b - a))
-                a, b = np.float64(stack[g, k1, pixel]), np.float64(stack[g, n1, pixel])
-                light1 += gain[cell, 1, g] * (a + f1 * (b - a))
-            mean = 0.5 * (light0 + light1)
-            tau = receptor_s + receptor_e / mean
-            if tau > 0.0:
-                w = 1.0 / light0
-                slope = (1.0 / light1 - w) / span
+            _add_light(light0, dark, stack, base, width, index[cell], fraction[cell], gain[cell, 0])
+            _add_light(light1, dark, stack, base, width, index[cell + 1], fraction[cell + 1], gain[cell, 1])
+            if u[0] < 0.0:  # settled, and just reset, when the recording begins
+                for i in range(width):
+                    stored[i] /= light0[i]
+                    u[i] = 1.0 / light0[i]
+            if follows:
+                for i in range(width):
+                    mean = 0.5 * (light0[i] + light1[i])
+                    tau[i] = receptor_s + receptor_e / mean
+                    level[i] = 1.0 / light0[i]
+                    slope[i] = (1.0 / light1[i] - level[i]) / span
+                    rest[i] = u[i] - level[i] + slope[i] * tau[i]
+                    decay = _exp(-span / tau[i])
+                    after[i] = level[i] + slope[i] * (span - tau[i]) + rest[i] * decay
+                    hazard[i] = shot_hz * shot_half / (shot_half + mean)
+                    steep = rest[i] / tau[i]
+                    calm[i] = (slope[i] > steep) == (slope[i] > steep * decay)
             else:
-                w, slope = light0, (light1 - light0) / span
-            if u < 0.0:  # settled, and just reset, when the recording begins
-                stored /= light0
-                u = 1.0 / light0
-            if tau <= 0.0:
-                u = 1.0 / light0  # the light may have jumped
-            begin, rest, after, steady = 0.0, 0.0, 1.0 / light1, True
-            if tau > 0.0:
-                rest, decay = u - w + slope * tau, _exp(-span / tau)
-                after = w + slope * (span - tau) + rest * decay
-                steady = (slope > rest / tau) == (slope > rest / tau * decay)
-            hazard = shot_hz * shot_half / (shot_half + mean)
-            turn = span if steady else _turn(0.0, span, w, slope, rest, tau)
-            while True:
-                if dead >= 0.0:  # in reset: nothing is compared, and the level at its end is stored
-                    if dead >= start + span:
-                        break
-                    begin = max(dead - start, 0.0)
-                    stored, dead = _level(begin, w, slope, rest, tau) / (1.0 + drift * begin), -1.0
-                end = turn if begin < turn else span
-                reached = u if begin == 0.0 else _level(begin, w, slope, rest, tau)
-                at = np.inf
-                rising = False
-                if reached <= stored * on * (1.0 + drift * begin):  # a jump of the light
-                    at, rising = begin, True
-                elif reached >= stored * off * (1.0 + drift * begin):
-                    at = begin
-                else:
-                    level = after if end == span else _level(end, w, slope, rest, tau)
-                    if level <= stored * on * (1.0 + drift * end):
-                        at = _crossing(begin, end, w, slope, rest, tau, stored * on, drift, -1.0)
-                        rising = True
-                    elif level >= stored * off * (1.0 + drift * end):
-                        at = _crossing(begin, end, w, slope, rest, tau, stored * off, drift, 1.0)
-                until = min(at, end)
-                if hazard * (until - begin) >= patience and hazard > 0.0:
-                    at = begin + patience / hazard
-                    word = _mixed(pixel_key + drawn * U(0xD1342543DE82EF95))
-                    drawn += U(1)
-                    rising = (word & U(1)) == U(0)
-                    patience = waits[(word >> U(1)) & U(EXPONENTIALS - 1)]
-                    fired = True
-                else:
-                    patience -= hazard * (until - begin)
-                    fired = at < np.inf
-                if not fired:
-                    begin = end
-                    if end == span:
-                        break
+                for i in range(width):
+                    tau[i], rest[i] = 0.0, 0.0
+                    level[i] = light0[i]
+                    slope[i] = (light1[i] - light0[i]) / span
+                    u[i], after[i] = 1.0 / light0[i], 1.0 / light1[i]  # the light may have jumped
+                    hazard[i] = shot_hz * shot_half / (shot_half + 0.5 * (light0[i] + light1[i]))
+                    calm[i] = True
+            for i in range(width):
+                drifted = 1.0 + drift[i] * span
+                low, high = stored[i] * on[i], stored[i] * off[i]
+                calm[i] = (
+                    calm[i]
+                    & (dead[i] < 0.0)
+                    & (u[i] > low)
+                    & (u[i] < high)
+                    & (after[i] > low * drifted)
+                    & (after[i] < high * drifted)
+                    & ((hazard[i] * span < patience[i]) | (hazard[i] <= 0.0))
+                )
+            for i in range(width):
+                if calm[i]:
+                    patience[i] -= hazard[i] * span
                     continue
-                if written < room:
-                    when[written], where[written], rises[written] = start + at, pixel, rising
-                written += 1
-                if refractory_s > 0.0:
-                    dead = start + at + refractory_s
-                    if dead >= start + span:
-                        break
-                else:
-                    # A jump of the light passes several thresholds at one instant.
-                    crossed = on if rising else off
-                    jumped = at == begin and not (
-                        stored * on * (1.0 + drift * at) < reached < stored * off * (1.0 + drift * at)
-                    )
-                    stored = stored * crossed if jumped else _level(at, w, slope, rest, tau) / (1.0 + drift * at)
-                    begin = at
-            u = after
-            stored *= 1.0 + drift * span * (1.0 + 0.5 * drift * span)
-        if written > room:  # this pixel does not fit: forget it, and say so
-            draws[pixel] = saved_draws
-            return pixel, before, written - before
-        state[RECEPTOR, pixel], state[STORED, pixel] = u, stored
-        state[DEAD_UNTIL, pixel], state[PATIENCE, pixel], draws[pixel] = dead, patience, drawn
+                pixel = base + i
+                stored[i], dead[i], patience[i], drawn[i], written = _fire(
+                    start, span, u[i], after[i], level[i], slope[i], rest[i], tau[i], stored[i], on[i], off[i],
+                    drift[i], dead[i], patience[i], hazard[i], refractory_s, drawn[i],
+                    _mixed(key + pixel * U(0x9E3779B97F4A7C15)), waits, pixel, when, where, rises, written,
+                )  # fmt: skip
+            for i in range(width):
+                u[i] = after[i]
+                stored[i] *= 1.0 + drift[i] * span * (1.0 + 0.5 * drift[i] * span)
+        if written > room:  # these pixels do not fit: forget them, and say so
+            return block, before, written - before
+        for i in range(width):
+            pixel = base + i
+            state[RECEPTOR, pixel], state[STORED, pixel], draws[pixel] = u[i], stored[i], drawn[i]
+            state[DEAD_UNTIL, pixel], state[PATIENCE, pixel] = dead[i], patience[i]
     return stop, written, 0
