@@ -6,10 +6,14 @@ Functions
 ---------
 open_stream, write_stream
     Read or write a spike stream with its truth (HDF5).
+open_events
+    Read the events that ``saf-gen events`` recorded of a sequence.
 SpikeWindows
     Windows of a dataset for training a network, read quickly in any order.
 get_sensor, encode
     Return a spike camera by name; turn collected charge into spikes.
+encode_events
+    Turn light into the events of an event camera.
 get_light, get_motion, get_measure, get_search
     Return a light schedule, lens motion, focus measure or search by name; :mod:`saf_gen.parts` describes each.
 measure
@@ -30,6 +34,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "open_stream": "stream.stream_file",
     "write_stream": "stream.stream_writer",
+    "open_events": "stream.event_file",
     "SpikeWindows": "stream.spike_windows",
     "sample": "stream.sample_dataset",
     "get_measure": "plugins.measures",
@@ -39,6 +44,7 @@ _HOMES = {
     "get_motion": "plugins.motions",
     "get_sensor": "camera",
     "encode": "camera",
+    "encode_events": "camera.events",
     "read_leaderboard": "leaderboard",
 }
 """Module that defines each public name, relative to ``saf_gen``."""

@@ -1,5 +1,6 @@
 """The spike camera: sensors, the charge that they collect from light, and the spikes that they fire."""
 
+from saf_gen.camera.course import LightCourse
 from saf_gen.camera.encoder import Encoder, encode, knot_weights
 from saf_gen.camera.encoder_kernel import LANES
 from saf_gen.camera.exposure import charge_of_images, electrons_per_irradiance, exposure_scale
@@ -9,6 +10,7 @@ from saf_gen.camera.sensor import Sensor, get_sensor, parse_sensor, sensor_names
 __all__ = [
     "LANES",
     "Encoder",
+    "LightCourse",
     "Sensor",
     "charge_of_images",
     "draw_fixed_pattern",

@@ -25,6 +25,7 @@ import saf_gen
 from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
+    event_commands,
     leaderboard_commands,
     lens_commands,
     machine_commands,
@@ -54,6 +55,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "encode": stream_commands.encode_command,
     "export": stream_commands.export_command,
     "cut": stream_commands.cut_command,
+    "events": event_commands.events_command,
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
     "verify": dataset_commands.verify_command,
@@ -124,7 +126,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "events"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(

@@ -404,15 +404,20 @@ def inspect_command(
     stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
 ) -> None:
     """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
-    from saf_gen.stream.description import describe_content, describe_provenance
+    from saf_gen.stream.description import describe_content, describe_events, describe_provenance
+    from saf_gen.stream.event_file import has_events, open_events
     from saf_gen.stream.stream_file import open_stream
 
-    with open_stream(stream) as opened:
-        content, provenance = describe_content(opened), describe_provenance(opened)
+    if has_events(stream):
+        with open_events(stream) as events:
+            content, provenance = describe_events(events), describe_provenance(events)
+    else:
+        with open_stream(stream) as opened:
+            content, provenance = describe_content(opened), describe_provenance(opened)
     if as_json:
         print_json(content | provenance)
         return
-    print_facts(content, title=str(opened.path))
+    print_facts(content, title=str(stream))
     out.print()
     print_facts(provenance, title="how it was made")
 

@@ -93,11 +93,19 @@ class ChargeSource:
             stack = self._static_charge(summed=summed)
             return {"stack": stack, "index": index - spec.drawn.start, "fraction": fraction, "gain": gain}
         first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
-        neighbours = run.slice_index, run.slice_index + 1
-        stack = np.concatenate([self._charge(j, range(first, stop), summed=summed) for j in neighbours])
+        stack = self.stack(run, range(first, stop), summed=summed)
         weight = self.time_stack.interpolation_weight(run)[:, None]
         gain = np.concatenate([gain * (1 - weight), gain * weight], axis=1)
         return {"stack": stack, "index": index - first, "fraction": fraction, "gain": gain}
+
+    def stack(self, run: FrameRun, positions: range, *, summed: bool = False) -> np.ndarray:
+        """Return the charge at position indices during a run of frames, float32 (light, focus, row, col), at scale 1.
+
+        In a moving scene the lights of the earlier time slice come first, and then those of the later one. ``summed``
+        adds up the lights of each.
+        """
+        slices = (run.slice_index, run.slice_index + 1) if self.time_stack.is_moving else (0,)
+        return np.concatenate([self._charge(j, positions, summed=summed) for j in slices])
 
     def _slice_weight(self, frame: float) -> tuple[int, float]:
         """Return the index of the stack before the middle of a frame, and the weight of the next one, 0 to 1."""

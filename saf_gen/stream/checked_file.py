@@ -52,7 +52,7 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     Raises BadInput if it is a link, is stored outside the file, has the wrong type, other filters, too many pixels or
     too large chunks, or was not written to its end.
     """
-    spikes = _open_dataset(file, "spikes", where=where)
+    spikes = open_dataset(file, "spikes", where=where, bulk=True)
     if spikes.dtype != np.uint8 or spikes.ndim != 3 or 0 in spikes.shape:
         raise BadInput(f"/spikes is {spikes.dtype} {spikes.shape}", where=where, allowed="uint8 (H, W, ceil(T/8))")
     rows, columns, _ = spikes.shape
@@ -79,15 +79,15 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
 
 
 def read_small_datasets(
-    file: h5py.File, where: str, *, reader: ObjectReader | None = None
+    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes",)
 ) -> Iterator[tuple[str, Any]]:
-    """Yield the name and value of every dataset except ``/spikes``; text is str.
+    """Yield the name and value of every dataset except those that ``bulk`` names; text is str.
 
     ``reader`` is the object through which ``file`` is read from an object store. Raises BadInput before reading
     anything that a stream does not contain.
     """
     checked_heaps = {0}
-    _check_names(file, "", where=where, known=[*GROUPS, "spikes"])
+    _check_names(file, "", where=where, known=[*GROUPS, *bulk])
     with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
         for group in GROUPS:
             if group not in file:
@@ -99,7 +99,7 @@ def read_small_datasets(
             known = [name.split("/")[2] for name in NAMES if name.startswith(f"/{group}/")]
             _check_names(held, group, where=where, known=known if group != "provenance" else None)
             for name in held:
-                item = _open_dataset(file, f"{group}/{name}", where=where)
+                item = open_dataset(file, f"{group}/{name}", where=where)
                 is_text = h5py.check_string_dtype(item.dtype) is not None
                 if is_text != (group == "provenance" or name == "names"):
                     raise BadInput(
@@ -131,8 +131,13 @@ def _check_link(file: h5py.File, name: str, *, where: str) -> None:
         raise BadInput(f"/{name} is a link", where=where, allowed="data inside the file")
 
 
-def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
-    """Return a dataset; raise BadInput unless it is inside the file, of a plain type and not too large."""
+def open_dataset(file: h5py.File, name: str, *, where: str, bulk: bool = False) -> h5py.Dataset:
+    """Return a dataset; raise BadInput unless it is inside the file, of a plain type and not too large.
+
+    ``bulk`` allows any size, for what is read in pieces.
+    """
+    if name not in file:
+        raise BadInput(f"has no /{name}", where=where, hint="write or copy the file again")
     _check_link(file, name, where=where)
     # A stream has two dozen datasets, and these checks take most of the time to open it: h5py's high-level interface
     # would take twice as long.
@@ -150,7 +155,7 @@ def _open_dataset(file: h5py.File, name: str, *, where: str) -> h5py.Dataset:
     plain = dtype.kind in "buif" and dtype.itemsize <= 8 and not dtype.subdtype
     if shape is None or not (plain or h5py.check_string_dtype(dtype)):
         raise BadInput(f"/{name} holds {dtype}", where=where, allowed="numbers or text")
-    if name != "spikes":
+    if not bulk:
         if math.prod(shape) * dtype.itemsize > MAX_SMALL_BYTES:
             raise BadInput(f"/{name} has the shape {shape}", where=where, allowed=f"{MAX_SMALL_BYTES:,} bytes at most")
         if filters and opened.get_storage_size() > MAX_DEFLATED_BYTES:

@@ -287,6 +287,11 @@ def _stream_digest_line(name: str, value: Any) -> str:
     return _format_digest_line(name, dtype, shape=array.shape, sha256=hashlib.sha256(data).hexdigest())
 
 
+def stream_digest_lines(datasets: Iterable[tuple[str, Any]]) -> list[str]:
+    """Return the lines of small datasets in the text that is hashed."""
+    return [_stream_digest_line(name, value) for name, value in datasets]
+
+
 def _format_digest_line(name: str, dtype: str, *, shape: tuple[int, ...], sha256: str) -> str:
     return f"{name} {dtype} {'x'.join(map(str, shape)) or 'scalar'} {sha256}"
 
@@ -311,7 +316,7 @@ def stream_digests(
     the SHA-256 of ``/spikes``.
     """
     spikes_line = _format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
-    lines = [_stream_digest_line(name, value) for name, value in datasets]
+    lines = stream_digest_lines(datasets)
     of_provenance = [line for line in lines if line.startswith("/provenance/")]
     content = [line for line in lines if not line.startswith("/provenance/")]
     return (

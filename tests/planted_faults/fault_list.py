@@ -12,7 +12,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
 EACH_LAW = "studies/test_laws.py::test_a_law_holds_at_its_small_size"
 RENDERED = ("render/", "optics/test_microscope", EACH_LAW)
 """Tests that render, which takes long and needs LLVM."""
-COMPILED = ("camera.encoder_kernel",)
+COMPILED = ("camera.encoder_kernel", "camera.events.kernel")
 """Modules that take long to compile."""
 
 
@@ -205,6 +205,38 @@ FAULTS = {
         (
             "camera/test_counting_law.py::test_the_covariance_of_adjacent_half_windows_obeys_the_law",
             f"{EACH_LAW}[noise_independence]",
+        ),
+    ),
+    "events 3 % late": Fault(
+        "The light must change by 3 % more than a threshold before an event camera reports it.",
+        (Change("camera.events.camera", "[np.exp(-on), np.exp(off),", "[np.exp(-1.03 * on), np.exp(1.03 * off),"),),
+        (
+            "camera/test_events.py::test_a_ramp_has_events_where_its_logarithm_passes_a_threshold",
+            "camera/test_events.py::test_a_sine_has_events_up_and_down",
+        ),
+    ),
+    "reset ignored": Fault(
+        "A pixel of an event camera goes on comparing while it is held in reset.",
+        (Change("camera.events.camera", "sensor.refractory_s * noise.refractory", "0.0 * noise.refractory"),),
+        (
+            "camera/test_events.py::test_in_reset_a_pixel_sees_nothing_and_then_stores_the_level_that_it_has",
+            "camera/test_events.py::test_a_step_within_the_reset_is_lost",
+        ),
+    ),
+    "polarity flipped": Fault(
+        "An event camera reports a rise of the light as a fall.",
+        (Change("camera.events.camera", "rises[order])", "~rises[order])"),),
+        (
+            "camera/test_events.py::test_a_ramp_has_events_where_its_logarithm_passes_a_threshold",
+            "camera/test_events.py::test_a_step_has_all_its_events_when_it_happens",
+        ),
+    ),
+    "dim light at once": Fault(
+        "The photoreceptor of an event camera follows dim light as fast as bright light.",
+        (Change("camera.events.kernel", "tau = receptor_s + receptor_e / mean", "tau = receptor_s + receptor_e / 1e6"),),
+        (
+            "camera/test_events.py::test_a_step_is_followed_as_the_closed_form_says",
+            "camera/test_events.py::test_smooth_light_is_followed_as_a_solver_says",
         ),
     ),
     "import flipped": Fault(

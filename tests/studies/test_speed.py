@@ -48,6 +48,7 @@ def assert_promised(figures):
     "name",
     [
         "encode",
+        "events",
         "stream",
         "score",
         pytest.param("stack", marks=needs_llvm),

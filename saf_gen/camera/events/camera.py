@@ -1,0 +1,222 @@
+"""Recording of events: what a chip reads out of the crossings that its pixels see."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from saf_gen.camera.course import LightCourse
+from saf_gen.camera.events.kernel import EXPONENTIALS, record_pixels
+from saf_gen.camera.events.sensor import EventSensor, get_event_sensor
+from saf_gen.core.cores import usable_cores
+from saf_gen.core.seeds import derive_seed, make_generator
+from saf_gen.core.signals import validate_signal
+from saf_gen.errors import BadInput
+
+ROOM = 1 << 20  # events that a thread collects before it hands them over
+
+
+class Events(NamedTuple):
+    """Events in the order in which they are read.
+
+    Attributes
+    ----------
+    t : ndarray of int64, shape (n,)
+        Microseconds since the recording began, not falling.
+    x, y : ndarray of uint16, shape (n,)
+        Column and row.
+    p : ndarray of bool, shape (n,)
+        True for a rise of the light.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+
+
+def encode_events(light: np.ndarray, sensor: EventSensor | str, *, seconds: float, seed: int) -> Events:
+    """Return the events that a camera reports for light that changes linearly between knots.
+
+    Parameters
+    ----------
+    light : ndarray of float32, shape (K, H, W)
+        Photo-electrons per second of each pixel, at least 0, at K knots evenly spaced over the recording; a single
+        knot is constant light.
+    sensor : EventSensor or str
+        An event camera or its name. The array has the size of ``light``, not the sensor's size.
+    seconds : float
+        Length of the recording, seconds.
+    seed : int
+        Seed of the device and of its noise. The same seed gives the same events on any machine.
+
+    Returns
+    -------
+    Events
+        Times, columns, rows and polarities, in the order in which they are read.
+
+    Raises
+    ------
+    BadInput
+        If the sensor is unknown, ``light`` has a wrong shape or dtype or is negative or not finite, or ``seconds`` is
+        not above 0.
+    """
+    light = validate_signal("charge", light)
+    sensor = sensor if isinstance(sensor, EventSensor) else get_event_sensor(sensor)
+    course = LightCourse.follow(lambda at: at / seconds, [lambda at: at], span_s=(0.0, seconds), knots=light.shape[0])
+    return EventCamera(sensor, light.shape[1:], seed=seed).record(light[None], course)
+
+
+class EventCamera:
+    """An event camera that records course after course and keeps the state of every pixel in between.
+
+    The events depend neither on the division into courses at the edges of cells nor on the number of threads, except
+    that those which wait for the readout at the end of a course count as read in it.
+
+    Parameters
+    ----------
+    sensor : EventSensor
+        The sensor to simulate.
+    shape : tuple of int
+        Rows and columns of the simulated array.
+    seed : int
+        Seed of the noise.
+    device_seed : int, optional
+        Seed of what differs between pixels; by default ``seed``.
+    threads : int, optional
+        Number of threads; by default one per core that this process may use.
+
+    Raises
+    ------
+    BadInput
+        If ``shape`` is not two numbers of at least 1.
+    """
+
+    def __init__(
+        self,
+        sensor: EventSensor,
+        shape: tuple[int, ...],
+        *,
+        seed: int,
+        device_seed: int | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if len(shape) != 2 or min(shape) < 1:
+            raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
+        self.sensor, self.shape = sensor, (int(shape[0]), int(shape[1]))
+        size = self.shape[0] * self.shape[1]
+        self._constants, phase = _draw_device(
+            sensor, size, seed=seed if device_seed is None else device_seed, phase_seed=seed
+        )
+        self._state = np.full((4, size), -1.0)  # no light yet, not in reset
+        self._state[1] = phase
+        self._state[3] = make_generator("events", seed, "first waits").standard_exponential(size)
+        self._draws = np.zeros(size, np.uint64)
+        self._key = np.uint64(derive_seed("events", seed, "noise"))
+        self._threads = threads or usable_cores()
+        self._read_until = -np.inf  # when the readout of the last event ended, seconds
+
+    def record(self, stack: np.ndarray, course: LightCourse) -> Events:
+        """Record the next cells of time and return their events.
+
+        Parameters
+        ----------
+        stack : ndarray of float32, shape (G, K, H, W)
+            Photo-electrons per second of each light group at each knot, at gain 1.
+        course : LightCourse
+            Light and lens; its first edge is the last one of the course before it.
+
+        Raises
+        ------
+        BadInput
+            If shapes or dtypes do not match, or the light is negative or not finite.
+        """
+        stack = np.asarray(stack)
+        if stack.dtype != np.float32 or stack.ndim != 4 or stack.shape[2:] != self.shape or 0 in stack.shape:
+            raise BadInput(
+                f"the stack is {stack.dtype} of shape {stack.shape}",
+                allowed=f"float32 (light, focus, {self.shape[0]}, {self.shape[1]})",
+            )
+        if course.gain.shape[2] != stack.shape[0]:
+            raise BadInput(f"the course has {course.gain.shape[2]} light groups", allowed=f"{stack.shape[0]}")
+        if not (stack.min() >= 0 and stack.max() < np.inf):  # also false for NaN
+            raise BadInput("the light is negative or not finite", allowed="electrons per second, at least 0")
+        flat = np.ascontiguousarray(stack).reshape(*stack.shape[:2], -1)
+        cuts = np.linspace(0, flat.shape[2], 4 * self._threads + 1).astype(int).tolist()
+        with ThreadPoolExecutor(self._threads) as pool:  # the kernel releases the interpreter's lock
+            jobs = [pool.submit(self._record_pixels, flat, course, first=a, stop=b) for a, b in pairwise(cuts)]
+            parts = [part for job in jobs for part in job.result()]
+        when, pixel, rises = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return self._read(when, pixel, rises)
+
+    def _record_pixels(
+        self, flat: np.ndarray, course: LightCourse, *, first: int, stop: int
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Return the instant, pixel and polarity of the events of some pixels, in the order of the pixels."""
+        noise, sensor = self.sensor.noise, self.sensor
+        parts, room, done = [], ROOM, first
+        while True:
+            when, where, rises = np.empty(room), np.empty(room, np.int64), np.empty(room, bool)
+            done, written, lacking = record_pixels(
+                done, stop, flat, course.seconds, course.index, course.fraction, course.gain,
+                sensor.dark_e_per_s,
+                sensor.receptor_e * noise.bandwidth, sensor.receptor_s * noise.bandwidth,
+                sensor.refractory_s * noise.refractory,
+                sensor.shot_hz * noise.shot, sensor.shot_half_e_per_s,
+                self._constants, self._state, self._draws, self._key, exponential_waits(),
+                when, where, rises,
+            )  # fmt: skip
+            parts.append((when[:written].copy(), where[:written].copy(), rises[:written].copy()))
+            if done == stop:
+                return parts
+            room = max(ROOM, lacking)
+
+    def _read(self, when: np.ndarray, pixel: np.ndarray, rises: np.ndarray) -> Events:
+        """Return the events in the order of their instants, and of pixels at one instant, as the chip reads them.
+
+        An event is read when it happens, or when the one before it has been read if that is later.
+        """
+        order = np.lexsort((pixel, when))
+        when, pixel = when[order], pixel[order]
+        if self.sensor.noise.readout and when.size:
+            pause = 1.0 / self.sensor.readout_events_per_s
+            waited = np.arange(when.size) * pause
+            when = np.maximum(np.maximum.accumulate(when - waited), self._read_until) + waited
+            self._read_until = when[-1] + pause
+        y, x = np.divmod(pixel, self.shape[1])
+        return Events(np.floor(when * 1e6).astype(np.int64), x.astype(np.uint16), y.astype(np.uint16), rises[order])
+
+
+@cache
+def exponential_waits() -> np.ndarray:
+    """Return waiting times of mean 1, float64 (EXPONENTIALS,), read-only: the quantiles of the exponential law.
+
+    They are rounded to multiples of 2⁻²⁰, so that they are the same on machines whose logarithms differ in the last
+    digit.
+    """
+    table = -np.log1p(-(np.arange(EXPONENTIALS) + 0.5) / EXPONENTIALS)
+    table = np.round(table * 2.0**20) / 2.0**20
+    table.flags.writeable = False
+    return table
+
+
+def _draw_device(sensor: EventSensor, size: int, *, seed: int, phase_seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the constants of the kernel, float64 (3, P), and the factor of the stored level at the beginning, (P,).
+
+    Leaks make ON events, and begin at random between two of them.
+    """
+    random, noise = make_generator("events", seed, "device"), sensor.noise
+    spread = sensor.threshold_rms * noise.mismatch
+    on = np.maximum(sensor.threshold_on + spread * random.standard_normal(size), 0.01)
+    off = np.maximum(sensor.threshold_off + spread * random.standard_normal(size), 0.01)
+    sd = sensor.leak_log_sd * noise.mismatch
+    rate = sensor.leak_hz * noise.leak * np.exp(sd * random.standard_normal(size) - 0.5 * sd**2)
+    hot = random.random(size) < sensor.hot_fraction
+    if noise.hot:
+        rate = np.where(hot, sensor.hot_hz, rate)
+    phase = make_generator("events", phase_seed, "phases").random(size) * (rate > 0)
+    grid = 2.0**-40  # so that machines whose exponentials differ in the last digit agree
+    constants = np.stack([np.exp(-on), np.exp(off), on * rate])
+    return np.round(constants / grid) * grid, np.round(np.exp(on * phase) / grid) * grid

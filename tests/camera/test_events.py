@@ -1,0 +1,321 @@
+"""The event camera, compared with closed forms, with a solver of differential equations, and with its own laws."""
+
+import hashlib
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from refusals import refusal
+from scipy import stats
+from scipy.integrate import solve_ivp
+
+from saf_gen.camera.course import LightCourse
+from saf_gen.camera.events import EventCamera, encode_events, event_sensor_names, get_event_sensor
+from saf_gen.plugins.lights import get_light
+
+QUIET = dict.fromkeys(("mismatch", "bandwidth", "refractory", "leak", "shot", "hot", "readout"), False)
+THETA = 0.2
+NO_DARK = 1e-3  # electrons per second
+SHAPE = (2, 3)
+
+
+def davis(*on, **changes):
+    """Return the davis346 with only these imperfections, and no dark current."""
+    return get_event_sensor("davis346", **{"dark_e_per_s": NO_DARK, **changes}, noise=QUIET | dict.fromkeys(on, True))
+
+
+def course(light, seconds):
+    """Return the course of one light group with this schedule, before a lens that stands."""
+    return LightCourse.follow(lambda t: 0 * t, [lambda t: light.integral(t, seconds)], span_s=(0.0, seconds), knots=1)
+
+
+def record(sensor, light, *, seconds, level, shape=SHAPE, seed=1):
+    """Return the events of even light of so many electrons per second at gain 1."""
+    stack = np.full((1, 1, *shape), level, np.float32)
+    return EventCamera(sensor, shape, seed=seed).record(stack, course(light, seconds))
+
+
+def of_pixel(events, x=0, y=0):
+    here = (events.x == x) & (events.y == y)
+    return events.t[here], events.p[here]
+
+
+# --- the instants, with everything switched off -------------------------------------------------------
+
+
+def test_a_ramp_has_events_where_its_logarithm_passes_a_threshold():
+    begin, end, seconds = 1e5, 6e5, 0.4
+    light = np.linspace([[begin]], [[end]], 2, dtype=np.float32) * np.ones((1, 2, 3), np.float32)
+    t, p = of_pixel(encode_events(light, davis(), seconds=seconds, seed=1))
+    expected = begin * np.expm1(THETA * np.arange(1, 9)) / (end - begin) * seconds
+    assert p.all()
+    np.testing.assert_allclose(t, expected[expected < seconds] * 1e6, atol=1.0)
+
+
+def test_a_ramp_by_a_schedule_has_the_same_events():
+    light = get_light("ramp", **{"from": 1.0, "to": 0.1})
+    t, p = of_pixel(record(davis(), light, seconds=0.3, level=3e5))
+    expected = -np.expm1(-THETA * np.arange(1, 12)) / 0.9 * 0.3
+    assert not p.any()
+    np.testing.assert_allclose(t, expected * 1e6, atol=1.0)
+
+
+def test_a_sine_has_events_up_and_down():
+    hz, swing = 10.0, 0.8
+    light = get_light("sine", hz=hz, swing=swing)
+    t, p = of_pixel(record(davis(), light, seconds=0.1, level=1e5))
+    level, instants, rises = 0.0, [], []
+    dense = np.linspace(0, 0.1, 400_001)
+    for at, value in zip(dense, np.log1p(swing * np.sin(2 * np.pi * hz * dense)), strict=True):
+        if abs(value - level) >= THETA:
+            level += np.copysign(THETA, value - level)
+            instants.append(at)
+            rises.append(value > level - THETA / 2 and value >= level)
+    assert len(instants) > 10
+    np.testing.assert_allclose(t, np.array(instants) * 1e6, atol=1.3)  # the twin's own step is 0.25 µs
+    assert p.tolist() == rises
+
+
+@pytest.mark.parametrize("at_s", [0.01, 0.010123456, 0.0150000004])
+@pytest.mark.parametrize("level", [0.3, 2.5])
+def test_a_step_has_all_its_events_when_it_happens(at_s, level):
+    light = get_light("steps", every_s=at_s, levels=[1.0, level])
+    t, p = of_pixel(record(davis(), light, seconds=1.9 * at_s, level=1e5))
+    assert len(t) == int(abs(np.log(level)) / THETA)
+    assert (p == (level > 1)).all()
+    np.testing.assert_allclose(t, at_s * 1e6, atol=1.0)
+
+
+def test_even_progress_of_the_logarithm_has_even_intervals():
+    """A focal sweep, or frames between which one interpolates, must not beat."""
+    knots = np.exp(np.linspace(0, 6, 1001)).astype(np.float32)
+    light = 1e4 * knots[:, None, None] * np.ones((1, 1, 2), np.float32)
+    t, _ = of_pixel(encode_events(light, davis(), seconds=1.0, seed=1))
+    assert len(t) in (29, 30)
+    assert np.ptp(np.diff(t)) <= 2  # microseconds; each instant is rounded down to one
+
+
+# --- the photoreceptor ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("level", [5.0, 0.2])
+@pytest.mark.parametrize("electrons", [1e4, 1e5, 1e6])
+def test_a_step_is_followed_as_the_closed_form_says(level, electrons):
+    at, charge = 0.01, 80.0
+    light = get_light("steps", every_s=at, levels=[1.0, level])
+    t, p = of_pixel(
+        record(davis("bandwidth", receptor_s=0), light, seconds=0.0195 if electrons > 1e4 else 0.0199, level=electrons)
+    )
+    before, after = electrons, level * electrons
+    u = np.exp(-np.copysign(THETA, np.log(level)) * np.arange(1, 9)) / before
+    share = (u - 1 / after) / (1 / before - 1 / after)
+    expected = at - charge / after * np.log(share[share > 0])
+    expected = expected[expected < (0.0195 if electrons > 1e4 else 0.0199)]
+    assert (p == (level > 1)).all()
+    assert len(expected) >= 3
+    np.testing.assert_allclose(t, expected * 1e6, atol=1.0)
+
+
+@pytest.mark.parametrize("kind", ["sine", "ramp"])
+@pytest.mark.parametrize("electrons", [1e4, 3e5])
+@pytest.mark.parametrize("dark", [NO_DARK, 3000.0])
+def test_smooth_light_is_followed_as_a_solver_says(kind, electrons, dark):
+    seconds = 0.05
+    light = get_light("sine", hz=60.0, swing=0.7) if kind == "sine" else get_light("ramp", **{"from": 1.0, "to": 4.0})
+    sensor = davis("bandwidth", dark_e_per_s=dark)
+
+    def intensity(t):
+        gain = 1 + 0.7 * np.sin(2 * np.pi * 60.0 * t) if kind == "sine" else 1 + 3.0 * t / seconds
+        return dark + electrons * gain
+
+    def rate(t, u):
+        return (1 / intensity(t) - u) / (sensor.receptor_s + sensor.receptor_e / intensity(t))
+
+    solved = solve_ivp(rate, (0, seconds), [1 / intensity(0)], rtol=1e-10, atol=1e-18, max_step=5e-5, dense_output=True)
+    dense = np.arange(0, seconds, 2e-7)
+    level, expected = -np.log(solved.sol(0.0)[0]), []
+    for at, value in zip(dense, -np.log(solved.sol(dense)[0]), strict=True):
+        if abs(value - level) >= THETA:
+            level += np.copysign(THETA, value - level)
+            expected.append(at * 1e6)
+    t, _ = of_pixel(record(sensor, light, seconds=seconds, level=electrons))
+    assert len(expected) >= 3
+    np.testing.assert_allclose(t, expected, atol=3.5)
+
+
+# --- after an event ---------------------------------------------------------------------------------------
+
+
+def test_in_reset_a_pixel_sees_nothing_and_then_stores_the_level_that_it_has():
+    seconds, refractory = 0.2, 0.013
+    light = get_light("ramp", **{"from": 1.0, "to": 5.0})
+    t, _ = of_pixel(record(davis("refractory", refractory_s=refractory), light, seconds=seconds, level=1e5))
+    expected, stored = [], 1.0
+    while True:
+        at = (stored * np.exp(THETA) - 1) / 4 * seconds
+        if at >= seconds:
+            break
+        expected.append(at * 1e6)
+        stored = 1 + 4 * (at + refractory) / seconds
+    assert len(expected) > 4
+    np.testing.assert_allclose(t, expected, atol=1.0)
+
+
+def test_a_step_within_the_reset_is_lost():
+    light = get_light("steps", every_s=0.01, levels=[1.0, 10.0])
+    t, _ = of_pixel(record(davis("refractory", refractory_s=1e-3), light, seconds=0.0199, level=1e5))
+    assert len(t) == 1  # of eleven thresholds: afterwards the pixel stores the new light
+
+
+# --- noise ----------------------------------------------------------------------------------------------
+
+
+def constant(sensor, seconds, *, level=1e5, shape=(40, 50), seed=1):
+    return record(sensor, get_light("constant"), seconds=seconds, level=level, shape=shape, seed=seed)
+
+
+def test_leaks_make_rises_at_their_rate():
+    events = constant(davis("leak", leak_hz=2.0), 3.0)
+    assert events.p.all()
+    assert len(events.t) == pytest.approx(2000 * 2.0 * 3.0, rel=0.02)  # phases are drawn: ± 0.4 %
+    intervals = np.diff(of_pixel(events, 5, 7)[0])
+    np.testing.assert_allclose(intervals, 5e5, rtol=1e-3)
+
+
+def test_hot_pixels_leak_faster_than_the_others():
+    events = constant(davis("leak", "hot", hot_fraction=0.1, hot_hz=200.0, leak_hz=0.1), 0.5)
+    pixels = np.bincount(events.y.astype(int) * 50 + events.x, minlength=2000)
+    hot = pixels > 20
+    assert stats.binomtest(int(hot.sum()), 2000, 0.1).pvalue > 1e-3
+    assert np.mean(pixels[hot]) == pytest.approx(100, rel=0.02)
+
+
+@pytest.mark.parametrize(("level", "rate"), [(1.0, 5.0), (3e5, 2.5), (3e6, 5 / 11)])
+def test_random_events_are_poisson_and_rarer_in_bright_light(level, rate):
+    """2,000 pixels for 2 s: the count by a Poisson test, and its variance over pixels, each at 0.1 %."""
+    events = constant(davis("shot", shot_hz=5.0), 2.0, level=level)
+    expected = 2000 * rate * 2.0
+    assert abs(len(events.t) - expected) < 3.3 * np.sqrt(expected)
+    assert stats.binomtest(int(events.p.sum()), len(events.p)).pvalue > 1e-3
+    per_pixel = np.bincount(events.y.astype(int) * 50 + events.x, minlength=2000)
+    spread = 1999 * per_pixel.var(ddof=1) / per_pixel.mean()
+    assert stats.chi2.cdf(spread, 1999) == pytest.approx(0.5, abs=0.4995)
+    assert stats.kstest(events.t / 2e6, "uniform").pvalue > 1e-3
+
+
+def test_thresholds_differ_between_pixels_and_not_in_time():
+    """Steps of the logarithm by 6 in 3,000 pixels: the mean number of events, and its spread."""
+    knots = np.exp(np.linspace(0, 6, 201)).astype(np.float32)
+    light = 1e3 * knots[:, None, None] * np.ones((1, 50, 60), np.float32)
+    events = encode_events(light, davis("mismatch", threshold_rms=0.02), seconds=1.0, seed=4)
+    first = np.full(3000, np.nan)
+    pixel = events.y.astype(int) * 60 + events.x
+    seen, at = np.unique(pixel, return_index=True)
+    first[seen] = events.t[at] * 6e-6  # the logarithm reached at the first event
+    assert np.mean(first) == pytest.approx(THETA, abs=4 * 0.02 / np.sqrt(3000) + 1e-4)
+    assert np.std(first) == pytest.approx(0.02, rel=4 / np.sqrt(6000))
+    one = np.diff(events.t[pixel == 17])
+    assert np.ptp(one) <= 60  # of 33,000 µs, from the knots
+
+
+def test_events_wait_for_the_readout():
+    light = get_light("steps", every_s=0.01, levels=[1.0, 1.3])
+    events = record(davis("readout", readout_events_per_s=1e5), light, seconds=0.0199, level=1e5, shape=(20, 10))
+    np.testing.assert_allclose(np.diff(events.t), 10, atol=1)
+    assert len(events.t) == 200
+    assert abs(events.t[0] - 10_000) <= 1
+    assert (np.diff(events.y.astype(int) * 10 + events.x) > 0).all()  # in the order of the pixels
+
+
+# --- what must not matter ------------------------------------------------------------------------------
+
+
+def busy(threads=2, cuts=(), seed=3, name="davis346"):
+    """Return the events of a textured sweep with all imperfections, recorded in pieces."""
+    random = np.random.default_rng(2)
+    stack = random.uniform(2e4, 4e5, (2, 5, 30, 40)).astype(np.float32)
+    lights = [get_light("flicker", hz=100.0, depth=0.4), get_light("steps", every_s=0.017, levels=[1.0, 0.4])]
+    seconds = 0.06
+    whole = LightCourse.follow(
+        lambda t: t / seconds,
+        [lambda t, one=one: one.integral(t, seconds) for one in lights],
+        span_s=(0.0, seconds),
+        knots=5,
+    )
+    camera = EventCamera(get_event_sensor(name), (30, 40), seed=seed, threads=threads)
+    edges = [0, *cuts, len(whole.seconds) - 1]
+    parts = [camera.record(stack, whole.block(a, b)) for a, b in pairwise(edges)]
+    return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+
+
+def test_threads_and_pieces_of_time_do_not_matter():
+    whole = busy()
+    assert len(whole[0]) > 2000
+    for other in (busy(threads=1), busy(threads=3, cuts=(1, 40, 41, 200))):
+        for a, b in zip(whole, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(whole[0][:2000], busy(seed=4)[0][:2000])
+
+
+def test_the_events_are_the_same_on_every_machine():
+    digest = hashlib.sha256(b"".join(column.tobytes() for column in busy())).hexdigest()
+    assert digest[:16] == "86875773e42c5c5c"
+
+
+def test_more_events_than_there_is_room_for(monkeypatch):
+    monkeypatch.setattr("saf_gen.camera.events.camera.ROOM", 7)
+    few = busy()
+    monkeypatch.undo()
+    for a, b in zip(few, busy(), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+# --- the course -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("ramp", {"from": 1.0, "to": 3.0}),
+        ("flicker", {"hz": 100.0, "depth": 0.9}),
+        ("pwm", {"hz": 1000.0, "duty": 0.3}),
+        ("steps", {"every_s": 0.005, "levels": [1.0, 0.2, 2.0]}),
+        ("flash", {"at_s": 0.0103, "peak": 20.0}),
+        ("random_walk", {"sd": 0.5, "return_s": 0.2, "seed": 3}),
+    ],
+)
+def test_a_course_has_the_light_of_its_schedule(kind, options):
+    light = get_light(kind, **options)
+    followed = course(light, 0.05)
+    span = np.diff(followed.seconds)
+    collected = (followed.gain.mean(axis=1)[:, 0] * span).cumsum()
+    exact = light.integral(followed.seconds, 0.05)[1:]
+    np.testing.assert_allclose(collected, exact, atol=2e-4 * 0.05 * followed.gain.max())
+    assert span.max() <= 2.5e-4 + 1e-12
+    assert len(span) < 12_000
+
+
+# --- the sensors, and what is refused ----------------------------------------------------------------
+
+
+def test_every_event_camera_states_its_sources():
+    assert event_sensor_names() == ["davis346", "evk4"]
+    for name in event_sensor_names():
+        assert get_event_sensor(name).name == name
+        assert any("doi:" in source for source in get_event_sensor(name).sources)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: get_event_sensor("davis364"), "unknown event sensor 'davis364'"),
+        (lambda: get_event_sensor("davis346", threshold_on=20), "threshold_on"),
+        (lambda: get_event_sensor("davis346").with_noise(shots=True), "shots"),
+        (lambda: encode_events(np.ones((2, 2), np.float32), "davis346", seconds=1, seed=1), "shape"),
+        (lambda: encode_events(-np.ones((1, 2, 2), np.float32), "davis346", seconds=1, seed=1), "negative"),
+        (lambda: encode_events(np.ones((1, 2, 2), np.float32), "davis346", seconds=0, seed=1), "0"),
+        (lambda: EventCamera(davis(), (0, 3), seed=1), "shape"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_one_line(call, words):
+    assert words in str(refusal(call))

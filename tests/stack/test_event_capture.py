@@ -1,0 +1,110 @@
+"""Events of a sequence: the same scene, lens and light as its spikes, at rest and moving."""
+
+import json
+
+import numpy as np
+import pytest
+from refusals import refusal
+
+import saf_gen
+from saf_gen.camera.events import get_event_sensor
+from saf_gen.stack.capture import Capture
+from saf_gen.stack.event_capture import record_events
+
+pytestmark = pytest.mark.slow
+
+QUIET = dict.fromkeys(("mismatch", "bandwidth", "refractory", "leak", "shot", "hot", "readout"), False)
+
+
+@pytest.fixture(scope="module")
+def dataset(captured_dataset):
+    return captured_dataset
+
+
+def logarithms(stream, stacks):
+    """Return the logarithm of the light of each pixel in the middle of each readout, float64 (T, H, W)."""
+    capture = Capture.from_stream(stream, stacks)
+    source = capture.open_charge_source()
+    light = [
+        np.einsum("g,ghw->hw", capture.gain[t].astype(np.float64), source.charge_image(t, float(position)))
+        for t, position in enumerate(stream.metadata.lens_position[: capture.frames])
+    ]
+    return np.log(np.array(light) * stream.readout_hz)
+
+
+@pytest.mark.parametrize("name", ["plane-constant-00", "plane-lamp_only-00", "plane-dynamic-lamp_only-00"])
+def test_events_add_up_to_the_change_of_the_light(dataset, tmp_path, name):
+    """Without imperfections, the sum of the events so far is never a threshold away from the logarithm of the light."""
+    sensor = get_event_sensor("davis346", dark_e_per_s=1e-3, noise=QUIET)
+    with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
+        record_events(stream, dataset / "stacks", sensor, path=tmp_path / "events.h5")
+        light = logarithms(stream, dataset / "stacks")
+        hz = stream.readout_hz
+    with saf_gen.open_events(tmp_path / "events.h5") as events:
+        assert events.count > 1000
+        assert events.truth.position == pytest.approx(stream.truth.position)
+        for frame in (100, 399, 700):
+            held = events.events(0.5 / hz, (frame + 0.5) / hz)
+            total = np.zeros(events.shape[1:])
+            np.add.at(total, (held.y, held.x), 0.2 * np.where(held.p, 1.0, -1.0))
+            assert np.abs(light[frame] - light[0] - total).max() < 0.2 + 0.02
+
+
+def test_the_command_records_resumes_and_repairs(dataset, tmp_path, call):
+    target = tmp_path / "events"
+    arguments = ("events", dataset, "--sensor", "davis346", "--out", target)
+    code, output, _ = call(*arguments, "--sequence", "plane-constant-00")
+    assert code == 0
+    assert "1 sequence recorded with davis346" in output
+    path = target / "test/plane-constant-00.h5"
+    made = path.read_bytes()
+    code, output, _ = call(*arguments)
+    assert code == 0
+    assert "3 sequences recorded with davis346, 1 kept" in output
+    assert path.read_bytes() == made
+    with saf_gen.open_events(path) as events:
+        digest = events.content_sha256
+        assert json.loads(events.metadata.provenance["event_sensor"])["name"] == "davis346"
+    damaged = bytearray(made)
+    damaged[len(made) // 3] ^= 0xFF
+    path.write_bytes(damaged)
+    code, output, error = call(*arguments)
+    assert (code, "1 sequence recorded" in output) == (0, True), error
+    with saf_gen.open_events(path) as events:
+        assert events.content_sha256 == digest
+    code, output, _ = call("inspect", path)
+    assert code == 0
+    assert "events in 0.04 s" in output
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--sensor", "davis"), "did you mean 'davis346'?"),
+        (("--split", "tst"), "did you mean 'test'?"),
+        (("--sequence", "plane-constant-01"), "did you mean 'plane-constant-00'?"),
+        (("--sensor", "nothing.yaml"), "nothing.yaml"),
+    ],
+)
+def test_what_is_wrong_is_refused_before_anything_is_written(dataset, tmp_path, call, options, words):
+    code, _, error = call("events", dataset, "--out", tmp_path / "events", *options)
+    assert code == 2
+    assert words in error
+    assert not (tmp_path / "events").exists()
+
+
+def test_a_stream_in_the_way_is_not_overwritten(dataset, tmp_path, call):
+    path = tmp_path / "events/test/plane-constant-00.h5"
+    saf_gen.write_stream(path, np.zeros((16, 4, 4), np.uint8))
+    before = path.read_bytes()
+    code, _, error = call("events", dataset, "--out", tmp_path / "events")
+    assert code == 2
+    assert "saf-gen events" in error
+    assert path.read_bytes() == before
+
+
+def test_a_stream_without_its_stacks_is_named(dataset, tmp_path):
+    sensor = get_event_sensor("evk4")
+    with saf_gen.open_stream(dataset / "test/plane-constant-00.h5") as stream:
+        refusal(record_events, stream, tmp_path, sensor, path=tmp_path / "events.h5")
+    assert not (tmp_path / "events.h5").exists()
