@@ -18,6 +18,8 @@ sample
     Return the folder of a small dataset that comes with saf_gen.
 read_leaderboard
     Return the ranking of one or several evaluations, which a notebook shows as a table.
+LiveCamera
+    A spike camera that runs while you turn its lens and lamps.
 """
 
 from importlib import import_module
@@ -40,6 +42,7 @@ _HOMES = {
     "get_sensor": "camera",
     "encode": "camera",
     "read_leaderboard": "leaderboard",
+    "LiveCamera": "live",
 }
 """Module that defines each public name, relative to ``saf_gen``."""
 

@@ -27,6 +27,7 @@ from saf_gen.cli import (
     evaluate_commands,
     leaderboard_commands,
     lens_commands,
+    live_commands,
     machine_commands,
     method_commands,
     recipe_commands,
@@ -55,6 +56,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "cut": stream_commands.cut_command,
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
+    "live": live_commands.live_command,
     "verify": dataset_commands.verify_command,
     "pack": dataset_commands.pack_command,
     "fetch": dataset_commands.fetch_command,
@@ -123,7 +125,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "live"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(

@@ -1,4 +1,4 @@
-"""A camera to hold: it runs while somebody turns the focus and the lamps, as an object, a page or a laboratory's device.
+"""A camera to hold: it runs while somebody turns focus and lamps, as an object, a page or a device of a laboratory.
 
 Nothing is rendered while it runs: one traced focal stack serves every position of the lens and every light.
 """

@@ -16,8 +16,15 @@ from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.tracks.closed_loop import judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.operations import OPERATIONS_PER_S
-from saf_gen.benchmark.view.running_camera import PACKET_FRAMES, REST_TOLERANCE, CapturedFrames, SpikePlanes, rows_in_view
+from saf_gen.benchmark.view.running_camera import (
+    PACKET_FRAMES,
+    REST_TOLERANCE,
+    CapturedFrames,
+    SpikePlanes,
+    rows_in_view,
+)
 from saf_gen.camera import Encoder
+from saf_gen.core import bits
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.core.seeds import derive_seed
 from saf_gen.errors import BadInput, unknown
@@ -29,9 +36,10 @@ from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import FrameRun
-from saf_gen.stream.measure_input import Form, measure_input, wanted_form
+from saf_gen.stream.interval_texture import window_time_texture
+from saf_gen.stream.measure_input import Form, WindowSource, measure_input, wanted_form
 
-CHUNK_FRAMES = 1024
+CHUNK_FRAMES = 512
 """Largest number of readouts that are encoded at once."""
 MAX_READ_FRAMES = 20_000
 MAX_GAIN = 100.0
@@ -138,9 +146,10 @@ class LiveCamera:
         self._sources: dict[str, ChargeSource] = {}
         self._lock = threading.RLock()
         self.readouts = self._lens_starts = self._starts = self._left = 0
+        self._last = np.zeros((0, 0, 0), np.uint8)  # the packet from which the last _left readouts have not been read
         self._lens = self._make_lens(start)
         self._where = float(start)
-        self._window: tuple[SpikePlanes, int, int] | None = None
+        self._window: tuple[WindowSource, int, int] | None = None
         self.region = region
 
     @property
@@ -171,7 +180,7 @@ class LiveCamera:
             self._inside = slice(box[0].start - rows.start, box[0].stop - rows.start), box[1]
             self._region, self._box, self._charge = name, box, self._sources[name]
             self._starts, self._window = self._starts + 1, None
-            self.readouts, self._left = self.readouts - self._left, 0
+            self._last, self._left = np.zeros((*self.shape, 1), np.uint8), 0
 
     @property
     def box(self) -> Region:
@@ -255,11 +264,13 @@ class LiveCamera:
         if isinstance(frames, bool) or not isinstance(frames, int) or not 1 <= frames <= MAX_READ_FRAMES:
             raise BadInput(f"{frames!r} frames were asked for", allowed=f"a whole number, 1 to {MAX_READ_FRAMES:,}")
         with self._lock:
-            planes = [self._last] if self._left else []
-            first = PACKET_FRAMES - self._left if self._left else 0
+            held, first = (1, PACKET_FRAMES - self._left) if self._left else (0, 0)
+            trains = np.empty((*self.shape, held - (self._left - frames) // PACKET_FRAMES), np.uint8)
+            trains[:, :, :held] = self._last[:, :, :held]
             for spikes in self._pass(frames):
-                planes.append(spikes.transpose(2, 0, 1))
-            window = SpikePlanes(np.concatenate(planes))
+                trains[:, :, held : held + spikes.shape[2]] = spikes
+                held += spikes.shape[2]
+            window = _SpikeTrains(trains)
             self._window = window, first, first + frames
         return window.window(first, first + frames)
 
@@ -294,9 +305,18 @@ class LiveCamera:
         window, first, stop = held
         return measure_input(window, form, first=first, stop=stop)
 
-    def run(
-        self, method: str, *, budget_s: float = 0.5, watch: Callable[[int], None] = lambda frames: None
-    ) -> LiveRun:
+    def last_counts(self) -> tuple[np.ndarray, int]:
+        """Return how often each pixel fired in the readouts that were read last, uint32 (h, w), and their number."""
+        if (held := self._window) is None:
+            raise BadInput("nothing has been read yet", hint="read frames first")
+        return held[0].window(held[1], held[2]), held[2] - held[1]
+
+    def nominal_charge(self, position: float) -> np.ndarray:
+        """Return the photo-electrons per readout with all gains at 1 and the lens at a position, float32 (h, w)."""
+        charge = self._charge.nominal_image(self._scene_frame, position)
+        return charge[self._inside]
+
+    def run(self, method: str, *, budget_s: float = 0.5, watch: Callable[[int], None] = lambda frames: None) -> LiveRun:
         """Let a method of the closed loop find the focus, from where the lens is now.
 
         The lens rests when the method begins. Lamps may change while it runs.
@@ -325,14 +345,12 @@ class LiveCamera:
             truth = self.capture.truth
             if truth.track is not None:
                 truth = replace(truth, track=np.resize(np.roll(truth.track, -self._scene_frame), frames))
-            start = min(max(self._where, 0.0), 1.0)
             seen = _RunFrames(self, capture, watch=watch)
             try:
-                run = run_closed_loop(seen, found, protocol=protocol, start=start)
+                run = run_closed_loop(seen, found, protocol=protocol, start=self._where)
+                seen.encode_until(len(run.path), run.path)  # also the last readouts, which the method did not look at
             finally:
-                self._left = 0
-            self._where = float(run.path[-1]) if len(run.path) else start
-            self._lens = self._make_lens(self._where)
+                self._left, self._lens = 0, self._make_lens(self._where)
         judged = judge_run(run, truth, readout_hz=self.readout_hz)
         return LiveRun(
             method=found.name,
@@ -367,7 +385,7 @@ class LiveCamera:
             positions = self._lens.run(count)
             self._lens.forget_readings()
             spikes = self._record(positions)
-            self._last = np.ascontiguousarray(spikes[:, :, -1])[None]
+            self._last = spikes[:, :, -1:].copy()
             need -= count
             yield spikes
         self._left = -need
@@ -400,6 +418,24 @@ class LiveCamera:
         gain = np.concatenate([np.ones((run.begin, gains.shape[1])), gains[done:stop]])
         spikes: np.ndarray = self._encoder.encode(**self._charge.encoder_inputs(run, position=position, gain=gain))
         return spikes[self._inside]
+
+
+class _SpikeTrains:
+    """Spikes of the last readouts as the encoder returns them, uint8 (h, w, bytes)."""
+
+    def __init__(self, trains: np.ndarray) -> None:
+        self._trains = trains
+
+    def window(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``, uint32 (h, w)."""
+        counts = np.zeros((1, *self._trains.shape[:2]), np.uint32)
+        bits.sum_trains(self._trains, counts, firsts=np.array([first]), stops=np.array([stop]))
+        return counts[0]
+
+    def intervals(self, first: int, stop: int) -> np.ndarray:
+        """Return the interval texture of a window, float64 (h, w); see window_texture."""
+        image, _ = window_time_texture(lambda a, b: self._trains[:, :, a:b], self.window, first=first, stop=stop)
+        return image
 
 
 class _RunFrames(CapturedFrames):

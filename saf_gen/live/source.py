@@ -77,9 +77,7 @@ def open_capture(
         return Capture.from_stream(stream, Path(str(task.path)).parent.parent / "stacks")
 
 
-def _render(
-    scene: str, *, sensor: str, samples: int, report: ReportProgress, tell: Callable[[str], None]
-) -> Path:
+def _render(scene: str, *, sensor: str, samples: int, report: ReportProgress, tell: Callable[[str], None]) -> Path:
     """Return the folder of a dataset of one scene, made now unless an earlier call has made it."""
     find_scene(scene)
     sensor = str(Path(sensor).resolve()) if Path(sensor).is_file() else sensor
