@@ -41,17 +41,25 @@ def live_command(
 
         capture = open_capture(source, sensor=sensor, samples=samples, report=report, tell=err.print)
     room = LiveRoom(LiveCamera(capture, region=region, actuator=actuator, seed=seed))
-    stopped = threading.Event()
-    signal.signal(signal.SIGINT, lambda *_: stopped.set())  # the usual end; SIGTERM ends every command alike
     with LiveServer(room, port) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         out.print(f"{server.address}   (Ctrl-C ends it)", soft_wrap=True)
         if not no_browser and _has_screen():
             webbrowser.open(server.address)
-        while not stopped.wait(0.5):  # on Windows, a signal is not handled while a thread waits for ever
-            pass
-        room.stop_method()
-        server.shutdown()
+        try:
+            _stay()
+        finally:
+            room.stop_method()
+            server.shutdown()
+
+
+def _stay() -> None:
+    """Wait for Ctrl-C, which is the usual end; SIGTERM ends this command as every other."""
+    stopped = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.set())
+    while not stopped.wait(0.5):  # on Windows, a signal is not handled while a thread waits for ever
+        pass
+    signal.signal(signal.SIGINT, before)
 
 
 def _has_screen() -> bool:

@@ -199,8 +199,10 @@ class LiveCamera:
 
     @focus.setter
     def focus(self, position: float) -> None:
+        if not 0 <= position <= 1:
+            raise BadInput(f"focus is {position!r}", allowed="0 to 1, a fraction of the travel")
         with self._lock:
-            self._lens.command(position)
+            self._lens.command(float(position))
 
     @property
     def lens(self) -> float:

@@ -65,14 +65,14 @@
     plot?.destroy();
     const axis = { stroke: colour("--soft"), grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false } };
     const scores = drawn.map((label, n) => ({
-      label, scale: `score ${n}`, stroke: colour(`--c${n + 1}`), width: 2,
+      label, scale: `score ${n}`, stroke: colour(`--c${n + 1}`), width: 2, points: { show: false },
       value: (_, score) => (score == null ? "" : score.toPrecision(4)),
     }));
     plot = new uPlot({
       width: get("plot").clientWidth, height: 220, cursor: { drag: { x: false, y: false } },
       scales: { x: { time: false }, lens: { range: [0, 1] } },
       series: [{ label: "s", value: (_, s) => (s == null ? "" : s.toFixed(2)) }, ...scores,
-        { label: "lens", scale: "lens", stroke: colour("--c4"), width: 1, dash: [4, 3],
+        { label: "lens", scale: "lens", stroke: colour("--c4"), width: 1, dash: [4, 3], points: { show: false },
           value: (_, at) => (at == null ? "" : at.toFixed(3)) }],
       axes: [axis, { ...axis, scale: "lens", size: 40 }],
     }, points, get("plot"));
@@ -89,7 +89,7 @@
     get("measures").append(select);
   });
   makePlot();
-  addEventListener("resize", () => plot.setSize({ width: get("plot").clientWidth, height: 220 }));
+  new ResizeObserver(() => plot.setSize({ width: get("plot").clientWidth, height: 220 })).observe(get("plot"));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", makePlot);
 
   const canvas = get("picture"), pen = canvas.getContext("2d");

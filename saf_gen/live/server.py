@@ -32,6 +32,7 @@ SCHEDULES: dict[str, dict[str, Any] | None] = {
     "ramp": {"kind": "ramp", "from": 0.3, "to": 3.0},
 }
 """Light schedules that the page offers."""
+WINDOW = 200
 SCHEDULE_S = 3.0
 METHOD_S = 1.0
 """Time of the camera that a method has, in seconds."""
@@ -79,16 +80,17 @@ class LiveRoom:
         """
         with self._turn:
             running = self._method is not None and self._method.is_alive()
-            self._pace = float(asked.get("pace", self._pace))
-            if not 0.001 <= self._pace <= 1:
-                raise BadInput(f"the pace is {self._pace:g}", allowed="0.001 to 1, a fraction of real time")
+            pace = float(asked.get("pace", self._pace))
+            if not 0.001 <= pace <= 1:
+                raise BadInput(f"the pace is {pace:g}", allowed="0.001 to 1, a fraction of real time")
+            self._pace = pace
             self._set_light(asked)
             if not running:
                 if (region := asked.get("region", self.camera.region)) != self.camera.region:
                     self.camera.region = region
                 if "focus" in asked:
                     self.camera.focus = asked["focus"]
-                self._run(int(asked.get("window", 200)))
+                self._run(int(asked.get("window", WINDOW)))
             counts, frames = self.camera.last_counts()
             names = [str(name) for name in asked.get("measures", MEASURES)][: len(MEASURES)]
             scores = [self._score(name) for name in names]
@@ -103,6 +105,7 @@ class LiveRoom:
         with self._turn:
             if self._method is not None and self._method.is_alive():
                 raise BadInput("a method is running already", hint="wait until it has ended, or stop it")
+            self._run(WINDOW)  # the page has a picture until the method looks
             self._said = f"{name} is looking for the focus"
             self._stop.clear()
             self._method = threading.Thread(target=self._run_method, args=(name,), daemon=True)
@@ -165,8 +168,8 @@ class LiveRoom:
             self._clock = (ended, self.camera.seconds)
 
     def _score(self, name: str) -> float | None:
-        if name not in measure_names():
-            raise unknown("measure", name, allowed=measure_names())
+        if name not in measure_names():  # a request must not load a file's code
+            raise unknown("focus measure", name, allowed=measure_names())
         score = self.camera.score(name) if self._method is None or not self._method.is_alive() else None
         return score if score is not None and np.isfinite(score) else None
 
