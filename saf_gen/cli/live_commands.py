@@ -14,9 +14,7 @@ from saf_gen.cli._terminal import err, out, progress_bars
 
 
 def live_command(
-    source: Annotated[
-        str, typer.Argument(metavar="SCENE", help="A scene, a dataset folder with its stacks, or one of its streams.")
-    ],
+    scene: Annotated[str, typer.Argument(help="A scene, a dataset folder with its stacks, or one of its streams.")],
     *,
     region: Annotated[str, typer.Option(help="Pixels that are read out: target or frame.")] = "target",
     actuator: Annotated[str, typer.Option(help="Drive of the lens: a name or a .yaml file.")] = "voice_coil",
@@ -39,7 +37,7 @@ def live_command(
                 tasks[name] = bars.add_task(name, total=1.0)
             bars.update(tasks[name], completed=done)
 
-        capture = open_capture(source, sensor=sensor, samples=samples, report=report, tell=err.print)
+        capture = open_capture(scene, sensor=sensor, samples=samples, report=report, tell=err.print)
     room = LiveRoom(LiveCamera(capture, region=region, actuator=actuator, seed=seed))
     with LiveServer(room, port) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

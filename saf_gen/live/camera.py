@@ -218,7 +218,7 @@ class LiveCamera:
     def true_focus(self) -> float:
         """Position of the lens at which the target is in focus now, as a fraction of the travel; NaN if unknown."""
         truth = self.capture.truth
-        return truth.position if truth.track is None else float(truth.track[self._scene_frame])
+        return truth.position if truth.track is None or not self._moves else float(truth.track[self._scene_frame])
 
     @property
     def gains(self) -> dict[str, float]:
@@ -345,8 +345,9 @@ class LiveCamera:
             if not commands(found.search):
                 protocol.check_sweep(capture)
             truth = self.capture.truth
-            if truth.track is not None:
-                truth = replace(truth, track=np.resize(np.roll(truth.track, -self._scene_frame), frames))
+            if truth.track is not None:  # that of a mix of lamps over the recording says nothing of the lamps here
+                track = np.resize(np.roll(truth.track, -self._scene_frame), frames)
+                truth = replace(truth, track=track if self._moves else None)
             seen = _RunFrames(self, capture, watch=watch)
             try:
                 run = run_closed_loop(seen, found, protocol=protocol, start=self._where)
@@ -369,6 +370,10 @@ class LiveCamera:
         seed = derive_seed(self.capture.seed, "live lens", self._lens_starts)
         self._lens_starts += 1
         return ActuatedLens(self._actuator, start=position, readout_hz=self.readout_hz, seed=seed)
+
+    @property
+    def _moves(self) -> bool:
+        return self.capture.plane_source.time_stack.is_moving
 
     @property
     def _scene_frame(self) -> int:

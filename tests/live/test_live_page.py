@@ -224,7 +224,8 @@ def test_a_phone_in_the_dark_runs_a_method(server):
         server.address,
         TURN
         + """
-        const narrow = document.documentElement.scrollWidth <= innerWidth;
+        const root = document.documentElement, right = document.querySelector("main").getBoundingClientRect().right;
+        const narrow = root.scrollWidth <= root.clientWidth && right <= root.clientWidth - 15;
         get("method").value = "sd+hill_climb";
         get("run").click();
         while (!get("focus").disabled) await wait(5);

@@ -108,7 +108,7 @@ def test_the_framework_takes_a_stack_of_positions(core):
     taken = []
     core.setExposure(5)
     core.mda.events.frameReady.connect(lambda image, event, _: taken.append((event.z_pos, image.mean())))
-    sequence = useq.MDASequence(stage_positions=[(0, 0, 250)], z_plan={"range": 200, "step": 50})
+    sequence = useq.MDASequence(stage_positions=[(None, None, 250)], z_plan={"range": 200, "step": 50})
     core.mda.run(sequence)
     assert [z for z, _ in taken] == [150, 200, 250, 300, 350]
     assert all(mean > 0 for _, mean in taken)
