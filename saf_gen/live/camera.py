@@ -402,7 +402,7 @@ class LiveCamera:
         frames, begin = len(positions), self.readouts
         at = np.arange(begin, begin + frames) % len(self._curve)
         gains = self._curve[at][:, None] * self._gains
-        parts = [self._encode(run, positions, gains, done) for run, done in self._split(begin, frames)]
+        parts = [self._encode(run, done, positions=positions, gains=gains) for run, done in self._split(begin, frames)]
         self.readouts += frames
         self._where = float(positions[-1])
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
@@ -419,7 +419,7 @@ class LiveCamera:
                 yield run, done
                 done += run.end - run.begin
 
-    def _encode(self, run: FrameRun, positions: np.ndarray, gains: np.ndarray, done: int) -> np.ndarray:
+    def _encode(self, run: FrameRun, done: int, *, positions: np.ndarray, gains: np.ndarray) -> np.ndarray:
         stop = done + run.end - run.begin
         position = np.concatenate([np.zeros(run.begin), positions[done:stop]])
         gain = np.concatenate([np.ones((run.begin, gains.shape[1])), gains[done:stop]])

@@ -126,16 +126,16 @@ class LampsDevice(GenericDevice):
                 lamp,
                 property_type=float,
                 limits=(0.0, MAX_GAIN),
-                getter=partial(_gain_of, camera, lamp),
-                setter=partial(_dim, camera, lamp),
+                getter=partial(_gain_of, camera=camera, lamp=lamp),
+                setter=partial(_dim, camera=camera, lamp=lamp),
             )
 
 
-def _gain_of(camera: LiveCamera, lamp: str, _device: LampsDevice) -> float:
+def _gain_of(_device: LampsDevice, *, camera: LiveCamera, lamp: str) -> float:
     return camera.gains[lamp]
 
 
-def _dim(camera: LiveCamera, lamp: str, _device: LampsDevice, gain: float) -> None:
+def _dim(_device: LampsDevice, gain: float, *, camera: LiveCamera, lamp: str) -> None:
     camera.dim(lamp, gain)
 
 

@@ -94,7 +94,7 @@ class LiveRoom:
             counts, frames = self.camera.last_counts()
             names = [str(name) for name in asked.get("measures", MEASURES)][: len(MEASURES)]
             scores = [self._score(name) for name in names]
-            head = json.dumps(self._describe(counts, frames, running) | {"scores": scores}).encode()
+            head = json.dumps(self._describe(counts, frames, running=running) | {"scores": scores}).encode()
             grey = self._grey_values(frames)[counts]
             return len(head).to_bytes(4, "little") + head + grey.tobytes()
 
@@ -173,7 +173,7 @@ class LiveRoom:
         score = self.camera.score(name) if self._method is None or not self._method.is_alive() else None
         return score if score is not None and np.isfinite(score) else None
 
-    def _describe(self, counts: np.ndarray, frames: int, running: bool) -> dict[str, Any]:
+    def _describe(self, counts: np.ndarray, frames: int, *, running: bool) -> dict[str, Any]:
         camera, truth = self.camera, self.camera.true_focus
         return {
             "rows": counts.shape[0],
@@ -246,7 +246,8 @@ class _Handler(BaseHTTPRequestHandler):
             nonce = secrets.token_urlsafe(16)
             policy = f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'"
             headers = {"Content-Security-Policy": f"{policy}; base-uri 'none'; form-action 'none'"}
-            self._send(200, make_page(self.server.room.camera, nonce).encode(), "text/html; charset=utf-8", headers)
+            page = make_page(self.server.room.camera, nonce).encode()
+            self._send(200, page, kind="text/html; charset=utf-8", headers=headers)
 
     def do_POST(self) -> None:
         path, room = self._allowed(), self.server.room
@@ -255,17 +256,17 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             asked = self._read_body()
             if path == "picture":
-                self._send(200, room.picture(asked), "application/octet-stream")
+                self._send(200, room.picture(asked), kind="application/octet-stream")
             elif path == "method":
                 room.start_method(str(asked.get("name")))
-                self._send(200, b"{}", "application/json")
+                self._send(200, b"{}", kind="application/json")
             elif path == "stop":
                 room.stop_method()
-                self._send(200, b"{}", "application/json")
+                self._send(200, b"{}", kind="application/json")
             else:
-                self._send(404, b"", "text/plain")
+                self._send(404)
         except (SafGenError, ValueError, TypeError, AttributeError) as error:
-            self._send(400, json.dumps({"error": str(error)}).encode(), "application/json")
+            self._send(400, json.dumps({"error": str(error)}).encode(), kind="application/json")
 
     def _allowed(self) -> str | None:
         """Return what is asked for below the address of the page; None, after an answer, if nobody may ask for it."""
@@ -293,9 +294,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _refuse(self, code: int) -> None:
         self.close_connection = True  # what it sends is not read
-        self._send(code, b"", "text/plain")
+        self._send(code)
 
-    def _send(self, code: int, body: bytes, kind: str, headers: Mapping[str, str] | None = None) -> None:
+    def _send(
+        self, code: int, body: bytes = b"", *, kind: str = "text/plain", headers: Mapping[str, str] | None = None
+    ) -> None:
         self.send_response(code)
         given = {"Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
         for name, value in {**given, "X-Content-Type-Options": "nosniff", **(headers or {})}.items():
