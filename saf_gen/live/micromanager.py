@@ -157,3 +157,4 @@ def load_devices(core: UniMMCore, camera: LiveCamera, *, travel_um: float = 1000
         core.initializeDevice(name)
     core.setCameraDevice("Camera")
     core.setFocusDevice("Focus")
+    core.setAutoShutter(False)  # there is no shutter to close between two images
