@@ -50,6 +50,8 @@ PAGES = [p for p in (*(ROOT / n for n in FIRST), *sorted((ROOT / "docs").rglob("
 COMMAND = typer.main.get_command(app)
 TARGETS = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
 FORMATS = r"saf-gen (stream|dataset|focal stack \d+|record \d+)"  # format names in files
+OPTIONAL = {"torch", "pymmcore_plus"}
+"""Packages without which a block that names them is not run, because no test needs them."""
 RUN_ALREADY: list[list[str]] = []
 
 
@@ -84,6 +86,10 @@ BLOCKS = [block for page in PAGES for block in page_blocks(page)]
 
 def blocks_in(language: str) -> list[Any]:
     return [pytest.param(b, id=b.where) for b in BLOCKS if b.language == language]
+
+
+def words_of(text: str) -> set[str]:
+    return set(re.findall(r"\w+", text))
 
 
 def commands(block: Block) -> list[list[str]]:
@@ -349,7 +355,7 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command at a small size.
 
     Recipes of the project are only planned, scenes get a sixth of the pixels and few samples, and sensors are compared
-    over 400 frames. At most one sequence gets figures, and a fitted sensor no plots.
+    over 400 frames. At most one sequence gets figures, and a fitted sensor no plots. A live camera ends at once.
     """
     environment, (_, *arguments) = split_env(words)
     full_size = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
@@ -357,11 +363,16 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
         arguments.append("--dry-run")
     if arguments[0] == "scenes" and arguments[1] in ("check", "preview"):
         arguments += ["--sensor", "quarter.yaml"]
+    if arguments[0] == "live" and not Path(folder, arguments[1]).exists():
+        arguments += ["--sensor", "quarter.yaml", "--samples", "1"]
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.charts.DRAWN_SEQUENCES", 1)
         patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
+        patch.setattr("saf_gen.cli.live_commands._stay", lambda: None)
+        patch.setattr("webbrowser.open", lambda address: None)
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         patch.setattr("saf_gen.calibration.fit_files.draw_fit", lambda fit: [])
         patch.setattr("saf_gen.authoring.checks.subject.NEAR_SAMPLES", 4)
         for name in ("FLAT_FRAMES", "DARK_FRAMES"):
@@ -428,7 +439,7 @@ def follow_page(page, desk, monkeypatch):
                 if split_env(words)[1][0] == "saf-gen" and words not in RUN_ALREADY:
                     run(desk, words, block.where)
                     RUN_ALREADY.extend([words] if "datasets/quickstart" in words else [])
-        elif block.language == "python" and not block.path and (find_spec("torch") or "torch" not in block.text):
+        elif block.language == "python" and not block.path and all(map(find_spec, OPTIONAL & words_of(block.text))):
             exec(compile("\n" * (block.line - 1) + block.text, str(page), "exec"), {"__name__": "shown"})
 
 

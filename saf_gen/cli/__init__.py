@@ -28,6 +28,7 @@ from saf_gen.cli import (
     event_commands,
     leaderboard_commands,
     lens_commands,
+    live_commands,
     machine_commands,
     method_commands,
     recipe_commands,
@@ -58,6 +59,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "events": event_commands.events_command,
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
+    "live": live_commands.live_command,
     "verify": dataset_commands.verify_command,
     "pack": dataset_commands.pack_command,
     "fetch": dataset_commands.fetch_command,
@@ -126,7 +128,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "events"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "events", "live"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(

@@ -47,6 +47,7 @@ EXAMPLES = {
         "view recording.h5 --out sweep.png --measure sd",
         "view recording.h5 --out sweep.html --as tfi --window 200",
     ),
+    "live": ("live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
     "verify": ("verify datasets/quickstart",),
     "pack": (
         "pack datasets/quickstart --out packed",

@@ -51,6 +51,14 @@ SHOWN = """(async () => {
   } finally { frame.remove(); }
 })()"""
 
+RUN = """(async () => {
+  try {
+    return JSON.stringify(await (async () => { %s })());
+  } catch (error) {
+    return JSON.stringify({ error: String(error.stack) });
+  }
+})()"""
+
 
 class _Quiet(SimpleHTTPRequestHandler):
     """Serves the outer page and the server's current folder, and records requests instead of printing them."""
@@ -185,4 +193,19 @@ def run_in_page(folder: Path, script: str, *, width: int = 1200, scripts: bool =
     answer = json.loads(told["result"]["value"])
     assert not (isinstance(answer, dict) and "error" in answer), answer["error"]
     assert [path for path in server.asked if path != "/favicon.ico"] == ["/index.html"]
+    return answer
+
+
+def run_at(address: str, script: str, *, width: int = 1200, dark: bool = False) -> Any:
+    """Return the result of ``script`` in a page that a server of this machine serves, in a new tab.
+
+    The script sees ``document`` and ``window``; see :func:`run_in_page` for the parameters.
+    """
+    call = _open_tab(address)
+    call("Emulation.setDeviceMetricsOverride", width=width, height=1000, deviceScaleFactor=1, mobile=False)
+    scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+    call("Emulation.setEmulatedMedia", features=[scheme])
+    told = call("Runtime.evaluate", expression=RUN % script, awaitPromise=True, returnByValue=True)
+    answer = json.loads(told["result"]["value"])
+    assert not (isinstance(answer, dict) and "error" in answer), answer["error"]
     return answer

@@ -97,18 +97,25 @@ class ClosedLoopRun:
 
 
 def start_camera(
-    captured: CapturedFrames, measure: Callable[..., float] | None, *, protocol: ClosedLoopProtocol
+    captured: CapturedFrames,
+    measure: Callable[..., float] | None,
+    *,
+    protocol: ClosedLoopProtocol,
+    start: float | None = None,
 ) -> RunningCamera:
-    """Return a camera before its first frame, with the lens at the start position of all methods on this sequence.
+    """Return a camera before its first frame, with the lens at ``start``.
 
-    Raises BadInput if the protocol does not suit the recording.
+    By default, that is the start position of all methods on this sequence, which its seed draws. Raises BadInput if the
+    protocol does not suit the recording.
     """
     capture = captured.capture
+    if start is None:
+        start = float(seeds.make_generator(capture.seed, "closed loop", "start").uniform(0, 1))
     return RunningCamera(
         captured,
         measure,
         actuator=protocol.actuator,
-        start=float(seeds.make_generator(capture.seed, "closed loop", "start").uniform(0, 1)),
+        start=start,
         seed=seeds.derive_seed(capture.seed, "closed loop", "lens"),
         budget=protocol.count_frames(capture)[0],
         readout_hz=capture.sensor.readout_hz,
@@ -148,14 +155,17 @@ def explain_spent_budget(budget: int) -> str:
     return f"the budget of {budget} frames was spent"
 
 
-def run_closed_loop(captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol) -> ClosedLoopRun:
+def run_closed_loop(
+    captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol, start: float | None = None
+) -> ClosedLoopRun:
     """Let a method search for the focus, and return the run, whatever the method raises or answers.
 
-    ``captured`` may come from an earlier run, whose frames are reused as long as they are the same. Raises BadInput if
-    the protocol does not suit the recording, and the error of the focal stacks if they cannot be read.
+    ``captured`` may come from an earlier run, whose frames are reused as long as they are the same. ``start`` is that
+    of :func:`start_camera`. Raises BadInput if the protocol does not suit the recording, and the error of the focal
+    stacks if they cannot be read.
     """
     budget, sweep = protocol.count_frames(captured.capture)
-    camera = start_camera(captured, None if method.guest else method.measure, protocol=protocol)
+    camera = start_camera(captured, None if method.guest else method.measure, protocol=protocol, start=start)
     try:
         if commands(method.search):
             answer, to, problem = _run_commanding_search(camera, method)

@@ -13,7 +13,7 @@ import numpy as np
 
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
 from saf_gen.core import bits
-from saf_gen.core.region import Region, validate_window
+from saf_gen.core.region import Region, region_shape, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
 from saf_gen.stack.capture import Capture
@@ -29,7 +29,44 @@ REST_TOLERANCE = 1e-3
 """Distance, as a fraction of the travel, within which a lens counts as at rest."""
 
 
-class CapturedFrames:
+class SpikePlanes:
+    """Spikes in memory, whose windows are counted and turned into interval textures.
+
+    Parameters
+    ----------
+    planes : ndarray of uint8, shape (bytes, h, w)
+        Spikes of each pixel, packed along time (:mod:`saf_gen.core.bits`).
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Rows and columns.
+    textures_s : float
+        Computing time of all interval textures so far, in seconds.
+    """
+
+    def __init__(self, planes: np.ndarray) -> None:
+        self._planes, self.textures_s = planes, 0.0
+        self.shape = int(planes.shape[1]), int(planes.shape[2])
+
+    def window(self, first: int, stop: int) -> np.ndarray:
+        """Return the counts of frames ``first <= t < stop``, which must be there already: uint32 (h, w)."""
+        counts = np.zeros(self.shape, np.uint32)
+        bits.sum_planes(self._planes, counts, first=first, stop=stop)
+        return counts
+
+    def intervals(self, first: int, stop: int) -> np.ndarray:
+        """Return the interval texture of a window, float64 (h, w); see window_texture."""
+
+        def read(first_byte: int, stop_byte: int) -> np.ndarray:
+            return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
+
+        image, seconds = window_time_texture(read, self.window, first=first, stop=stop)
+        self.textures_s += seconds
+        return image
+
+
+class CapturedFrames(SpikePlanes):
     """The spikes that a running camera has captured so far, in a region of the sensor.
 
     Only the rows that a region needs are encoded, and only when a method looks at them. Successive runs of one capture
@@ -51,8 +88,6 @@ class CapturedFrames:
     ----------
     frames : int
         Number of frames that are encoded so far.
-    textures_s : float
-        Computing time of all interval textures so far, in seconds.
     """
 
     def __init__(
@@ -64,10 +99,8 @@ class CapturedFrames:
         self._create_encoder = partial(capture.create_encoder, encoded, threads=threads)
         self._encoder = self._create_encoder()
         self._inside = slice(rows.start - encoded.start, rows.stop - encoded.start), columns
-        self.shape = rows.stop - rows.start, columns.stop - columns.start
-        self._planes = np.zeros((-(-capture.frames // 8), *self.shape), np.uint8)
-        self._position = np.zeros(capture.frames)
-        self.frames, self.textures_s = 0, 0.0
+        super().__init__(np.zeros((-(-capture.frames // 8), *region_shape(region)), np.uint8))
+        self._position, self.frames = np.zeros(capture.frames), 0
 
     def encode_until(self, stop: int, position: np.ndarray) -> None:
         """Encode all readouts before ``stop``, a multiple of 8.
@@ -94,22 +127,6 @@ class CapturedFrames:
             spikes = self._encoder.encode(**inputs)[self._inside]
             self._planes[run.begin // 8 : -(-run.end // 8)] = spikes.transpose(2, 0, 1)
             self.frames = run.end
-
-    def window(self, first: int, stop: int) -> np.ndarray:
-        """Return the counts of frames ``first <= t < stop``, which must be encoded already: uint32 (h, w)."""
-        counts = np.zeros(self.shape, np.uint32)
-        bits.sum_planes(self._planes, counts, first=first, stop=stop)
-        return counts
-
-    def intervals(self, first: int, stop: int) -> np.ndarray:
-        """Return the interval texture of a window, float64 (h, w); see window_texture."""
-
-        def read(first_byte: int, stop_byte: int) -> np.ndarray:
-            return self._planes[first_byte:stop_byte].transpose(1, 2, 0)
-
-        image, seconds = window_time_texture(read, self.window, first=first, stop=stop)
-        self.textures_s += seconds
-        return image
 
 
 def rows_in_view(capture: Capture, region: Region) -> slice:

@@ -215,7 +215,7 @@ class ActuatedLens:
             self._seat = [(begin, seat, 0.0, 0.0)]
         self._warmth = np.full(2, float(start) ** 2)  # of the lens and of its current, as fractions of those in the end
         self._oscillation = np.zeros(2)
-        self._read = np.empty(BLOCK)
+        self._read, self._forgotten = np.empty(BLOCK), 0
 
     def command(self, to: float) -> None:
         """Command the lens to the position ``to``, 0 to 1; the command takes effect after the actuator's latency.
@@ -255,11 +255,16 @@ class ActuatedLens:
                 warmth = np.empty(frames)
                 relax(motor * motor, self._warmth, 1 / (self.readout_hz * self.actuator.drift.time_s), warmth)
                 positions = self._drifted(positions, warmth)
-            while stop > len(self._read):
+            first, last = first - self._forgotten, stop - self._forgotten
+            while last > len(self._read):
                 self._read = np.concatenate([self._read, np.empty_like(self._read)])
-            self._read[first:stop] = positions if self.actuator.reads == "lens" else motor
+            self._read[first:last] = positions if self.actuator.reads == "lens" else motor
         self.frames = stop
         return positions
+
+    def forget_readings(self) -> None:
+        """Drop the readings of all past frames, so that a lens that runs for hours takes no more memory."""
+        self._read, self._forgotten = np.empty(BLOCK), self.frames
 
     def read_sensor(self, first: int, stop: int) -> np.ndarray:
         """Return the readings of the position sensor at past frames ``first <= t < stop``, float64.
@@ -269,10 +274,12 @@ class ActuatedLens:
         Raises
         ------
         BadInput
-            If the window includes frames that have not passed.
+            If the window includes frames that have not passed, or whose readings are forgotten.
         """
         window = validate_window(first, stop, total=self.frames)
-        read = self._read[window.start : window.stop].copy()
+        if window.start < self._forgotten:
+            raise BadInput(f"the reading at frame {window.start} is forgotten", allowed=f"from frame {self._forgotten}")
+        read = self._read[window.start - self._forgotten : window.stop - self._forgotten].copy()
         if rms := self.actuator.position_noise_rms:
             blocks = range(window.start // BLOCK, (window.stop - 1) // BLOCK + 1)
             noise = np.concatenate([_normals(self.seed, "position", block=block) for block in blocks])

@@ -1,0 +1,15 @@
+import pytest
+
+from saf_gen.live.source import open_capture
+
+
+@pytest.fixture(scope="session")
+def still(captured_dataset):
+    """The still plane of the tests, as a live camera looks at it."""
+    return open_capture(captured_dataset / "test" / "plane-constant-00.h5")
+
+
+@pytest.fixture(scope="session")
+def moving(captured_dataset):
+    """The plane of the tests that comes nearer."""
+    return open_capture(captured_dataset / "test" / "plane-dynamic-constant-00.h5")
