@@ -1,4 +1,4 @@
-"""Where the cells of half an anther lie in its cross section: two pollen sacs, their walls, the tissue between.
+"""Where the cells of half an anther lie in its cross section: two pollen sacs, walls, tissue between.
 
 Micrometres; the origin lies in the septum between the two sacs, the rest of the anther is at negative y. The
 outline and the sacs are implicit functions, about the signed distance (negative inside).
@@ -125,9 +125,7 @@ class Anther:
                 size = 15.5 * np.exp(random.normal(0, 0.2, len(kept)))
                 self._any_way(np.array(kept), size, PARENCHYMA, random)
 
-    def _any_way(
-        self, places: np.ndarray, size: np.ndarray, kind: int, random: np.random.Generator
-    ) -> None:
+    def _any_way(self, places: np.ndarray, size: np.ndarray, kind: int, random: np.random.Generator) -> None:
         turn = random.uniform(0, np.pi, len(places))
         half = size[:, None] * np.exp(random.normal(0, 0.12, (len(places), 2)))
         self._add(places, np.column_stack([np.cos(turn), np.sin(turn)]), half, kind)

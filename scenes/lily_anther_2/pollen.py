@@ -1,4 +1,4 @@
-"""Pollen as the cut finds it: the wall of rods that carry a net, its furrow, plasm, nucleus, generative cell."""
+"""Pollen as the cut finds it: a wall of rods under a net, furrow, plasm, nucleus, generative cell."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def stamp(
 ) -> None:
     """Draw a grain into both layers.
 
-    at : row and column. cut : radius of the cut, µm. lift : height of the cut over the grain's middle, in radii.
+    at : row and column. cut : radius of the cut, µm. lift : height of the cut over the middle, in radii.
     ripe : 0 for a microspore with a thin wall and a vacuole, 1 for pollen with a generative cell.
     """
     span = int((1.25 * cut + 3) / TEXEL_UM) + 2
@@ -111,7 +111,7 @@ def stamp(
 def _exine(
     inward: np.ndarray, arc: np.ndarray, coat: np.ndarray, shared: Textures, random: np.random.Generator
 ) -> np.ndarray:
-    """The wall in cross section: a foot layer, rods with heads on it, gaps where the cut meets a mesh of the net."""
+    """The wall in cross section: a foot layer, rods with heads, gaps where the cut meets a mesh."""
     length = 2048
     beat = random.uniform(1.9, 2.5)
     wander = gaussian_filter1d(random.normal(0, 1, length), 3, mode="wrap")

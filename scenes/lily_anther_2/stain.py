@@ -1,4 +1,4 @@
-"""The section as two layers of absorbance: what is in focus, and what shines through from below; float32 (row, col)."""
+"""The section as two layers of absorbance, float32 (row, col): in focus, and shining through from below."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def layers(
 
 
 def _slanted(sharp: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Walls stand more or less upright: each place is smeared over the section's thickness in its own direction."""
+    """Walls are not upright: each place is smeared over the section's thickness in its own direction."""
     row, column = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
     lean = [um(2.3) * noise(SHAPE, um(38), random) + um(1.0) * noise(SHAPE, um(14), random) for _ in "xy"]
     deeper = [sampled(sharp, row + t * lean[0], column + t * lean[1]) for t in (0.7, 1.5, 2.4)]

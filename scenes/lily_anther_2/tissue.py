@@ -1,4 +1,4 @@
-"""Absorbance (decadic) of the anther's tissue as the cut shows it: walls, plasm, nuclei, splits; float32 (row, col)."""
+"""Absorbance (decadic) of the anther's tissue as the cut shows it, float32 (row, col)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from anatomy import ENDOTHECIUM, EPIDERMIS, MIDDLE, PARENCHYMA, PHLOEM, TAPETUM,
 from rasters import ELLIPSE, Growth, Seeds, fractal, grow, noise, soft, splat
 from view import SHAPE, TEXEL_UM, View, smooth
 
-# By kind: absorbance of wall and of plasm, half thickness of the wall (µm), share of the cells that the cut finds
-# a nucleus in, its radius (µm), share of a cell that is vacuole.
+# By kind: absorbance of wall and of plasm, half thickness of the wall (µm), share of the cells that the cut
+# finds a nucleus in, its radius (µm), share of a cell that is vacuole.
 LOOK = {
     EPIDERMIS: (0.46, 0.20, 1.05, 0.55, 4.4, 0.75),
     ENDOTHECIUM: (0.42, 0.13, 0.85, 0.5, 4.8, 0.85),
@@ -34,19 +34,14 @@ class Tissue:
         table = anther.cells
         rows, columns = view.seen(table[:, 0], table[:, 1])
         along = np.arctan2(table[:, 3], table[:, 2]) - view.turn
-        seeds = Seeds(
-            rows,
-            columns,
-            along,
-            um(1) * table[:, 4],
-            um(1) * table[:, 5],
-            random.normal(0, 0.06, len(table)),
-            np.full(len(table), ELLIPSE),
-        )
+        one = np.ones(len(table))
+        long, wide = um(1) * table[:, 4], um(1) * table[:, 5]
+        start = random.normal(0, 0.06, len(table))
+        seeds = Seeds(rows, columns, along, long, wide, start, 2.5 * one, np.full(len(table), ELLIPSE), one)
         bend = tuple(
             um(1.5) * noise(SHAPE, um(13), random) + um(0.55) * noise(SHAPE, um(4.5), random) for _ in "xy"
         )
-        self.cells: Growth = grow(SHAPE, seeds, until=2.5, bend=(bend[0], bend[1]))
+        self.cells: Growth = grow(SHAPE, seeds, bend=(bend[0], bend[1]))
         self.table, self.along = table, along
         self.rows, self.columns = rows, columns
         self.kinds = table[:, 6].astype(np.int8)
@@ -87,7 +82,7 @@ class Tissue:
         return self._skinned(image, random)
 
     def _gaps(self, random: np.random.Generator) -> np.ndarray:
-        """Half width (µm) of the splits along which cells came apart when the section was cut and stretched."""
+        """Half width (µm) of the splits along which cells came apart when the section was stretched."""
         gap = np.zeros(SHAPE, dtype=np.float32)
         row, column = np.nonzero((self.edge < 6) & (self.kind != XYLEM) & (self.kind >= 0))
         owner, other = self.cells.owner[row, column], self.cells.other[row, column]
@@ -111,7 +106,9 @@ class Tissue:
     def _plasm(self, depth: np.ndarray, grain: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Plasm: granular, denser along the wall, with a vacuole, threads through it, and small vacuoles."""
         count = len(self.table)
-        density = self.each(np.exp(random.normal(0, 0.24, count)) * random.choice([1, 1.35], count, p=[0.92, 0.08]))
+        density = self.each(
+            np.exp(random.normal(0, 0.24, count)) * random.choice([1, 1.35], count, p=[0.92, 0.08])
+        )
         lining = 1.6 + 1.5 * noise(SHAPE, um(8), random) + self.each(random.exponential(0.9, count))
         hollow = self.of(5) * self.each((random.random(count) < 0.88).astype(float))
         vacuole = soft(depth - lining, 1.8) * hollow
@@ -125,7 +122,7 @@ class Tissue:
         return (plasm * dense + rim) * (1 - 0.93 * vacuole) * (1 - 0.75 * foam)
 
     def _ribs(self, inner: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Fibrous thickenings of the endothecium: ribs across each cell that rise from its inner wall and fade outwards."""
+        """Ribs of the endothecium: across each cell, from its inner wall, fading outwards."""
         count = len(self.table)
         row, column = np.ogrid[: SHAPE[0], : SHAPE[1]]
         c, s = self.each(np.cos(self.along)), self.each(np.sin(self.along))
@@ -155,7 +152,7 @@ class Tissue:
         return small + splat(SHAPE, rows[large], columns[large], 18 * weight[large], blur=1.75)
 
     def _nuclei(self, image: np.ndarray, random: np.random.Generator) -> None:
-        """Nuclei with their chromatin and nucleoli, cut at any height: some lie half below and are faint and soft."""
+        """Nuclei with chromatin and nucleoli, cut at any height: some lie half below, faint and soft."""
         clumps, fine = fractal((256, 256), um(2.6), 2, random), noise((256, 256), um(1.3), random)
         for k, (_, _, _, _, a, b, kind) in enumerate(self.table):
             _, _, _, share, radius, _ = LOOK[int(kind)]
@@ -171,7 +168,7 @@ class Tissue:
                     _nucleus(image, at, (size / flat**0.4, size * flat), angle, (clumps, fine), random)
 
     def _skinned(self, image: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Cut off what lies beyond the skin and within the sacs; cuticle on the one, a ragged rim on the other."""
+        """Cut off what lies beyond the skin and within the sacs; draw the cuticle and a ragged rim."""
         bulge = np.minimum(self.edge / 7, 1)
         skin = self.skin + 1.6 - 5.5 * bulge + 0.8 * noise(SHAPE, um(9), random)
         ragged = 2.2 * noise(SHAPE, um(6), random) + 1.2 * noise(SHAPE, um(2.2), random)

@@ -118,7 +118,12 @@ def window(shape: Shape, at: tuple[float, float], reach: float) -> Window | None
 
 @dataclass(frozen=True)
 class Seeds:
-    """What grows: row, column, direction (radians), half length and half width at time 1, start, form; (n,) each."""
+    """What grows, (n,) each.
+
+    row, column : where. angle : direction of the length, radians. long, wide : half length and half width that are
+    added in a unit of time. start, until : times between which it grows. form : ELLIPSE, BOX or HEXAGON. bent : how
+    much of ``bend`` applies, 0..1.
+    """
 
     row: np.ndarray
     column: np.ndarray
@@ -126,7 +131,9 @@ class Seeds:
     long: np.ndarray
     wide: np.ndarray
     start: np.ndarray
+    until: np.ndarray
     form: np.ndarray
+    bent: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -134,7 +141,8 @@ class Growth:
     """Who reached each texel first: an anisotropic, weighted Voronoi diagram.
 
     first, second, third : time of the three earliest arrivals. owner, other : who came first and second, -1 for
-    nobody. edge : about the distance from the boundary between them, in texels.
+    nobody. edge : about the distance from the boundary between them, or from where growth ended, in texels. speed :
+    texels per unit of time at which the first one grew there.
     """
 
     first: np.ndarray
@@ -146,11 +154,10 @@ class Growth:
     speed: np.ndarray
 
 
-def grow(shape: Shape, seeds: Seeds, *, until: float, bend: tuple[np.ndarray, np.ndarray]) -> Growth:
+def grow(shape: Shape, seeds: Seeds, *, bend: tuple[np.ndarray, np.ndarray]) -> Growth:
     """Let crystals or cells grow from seeds, each in its form, until they meet.
 
-    until : time at which growth ends where nobody met. bend : by how much places are moved down and across before
-    they are compared, which makes straight boundaries curved.
+    bend : by how much places are moved up and across before they are compared, which makes straight boundaries curved.
     """
     first, second, third = (np.full(shape, 1e3, np.float32) for _ in range(3))
     speed_1, speed_2 = np.ones(shape, np.float32), np.ones(shape, np.float32)
@@ -158,20 +165,20 @@ def grow(shape: Shape, seeds: Seeds, *, until: float, bend: tuple[np.ndarray, np
     slack = max(float(np.abs(field).max()) for field in bend)
     for k in range(len(seeds.row)):
         a, b, start = np.float32(seeds.long[k]), np.float32(seeds.wide[k]), np.float32(seeds.start[k])
-        reach = max(a, b) * max(until - start, 0.0) + slack
+        bent = np.float32(seeds.bent[k])
+        reach = max(a, b) * max(seeds.until[k] - start, 0.0) + bent * slack
         here = window(shape, (seeds.row[k], seeds.column[k]), reach)
         if here is None:
             continue
         v, u = np.ogrid[here]
-        v = (v - np.float32(seeds.row[k])).astype(np.float32) + bend[0][here]
-        u = (u - np.float32(seeds.column[k])).astype(np.float32) + bend[1][here]
+        v = (v - np.float32(seeds.row[k])).astype(np.float32) + bent * bend[0][here]
+        u = (u - np.float32(seeds.column[k])).astype(np.float32) + bent * bend[1][here]
         c, s = np.float32(np.cos(seeds.angle[k])), np.float32(np.sin(seeds.angle[k]))
         p, q = (c * u + s * v) / a, (c * v - s * u) / b
         time, speed = _arrival(p, q, float(a), float(b), int(seeds.form[k]))
         time += start
-        f1, f2, f3, s1, s2, o1, o2 = (
-            grid[here] for grid in (first, second, third, speed_1, speed_2, owner, other)
-        )
+        time[time > seeds.until[k]] = np.inf
+        f1, f2, f3, s1, s2, o1, o2 = (grid[here] for grid in (first, second, third, speed_1, speed_2, owner, other))
         won = time < f1
         runner = ~won & (time < f2)
         np.copyto(f3, np.where(won | runner, f2, np.minimum(f3, time)))
@@ -182,6 +189,7 @@ def grow(shape: Shape, seeds: Seeds, *, until: float, bend: tuple[np.ndarray, np
         np.copyto(s1, speed, where=won)
         np.copyto(o1, k, where=won)
     edge = (second - first) / (1 / speed_1 + 1 / speed_2)
+    edge = np.minimum(edge, (np.asarray(seeds.until, dtype=np.float32)[owner] - first) * speed_1)
     return Growth(first, second, third, owner, other, edge, speed_1)
 
 
