@@ -33,7 +33,7 @@ MAX_BYTES = 140_000  # per image file, because these are part of the repository
 THUMBNAIL = 200  # pixels: width of the pictures at the head of the page
 SAMPLES, SLOW_SAMPLES = 1024, 4  # per pixel; the latter for a backend that renders position by position
 POSITIONS = 129  # of the stack from which the upper row is taken: one trace serves all three
-SMALL_IMAGES = 3  # number of members, and of moments
+SMALL_IMAGES = 6  # of half the size: members, moments, or three of each
 FONT = Path(get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
 VERSION = re.compile(r"(\w+)_([2-9])")  # name of a scene that succeeds another
 HEAD = f"""# Scenes
@@ -41,8 +41,8 @@ HEAD = f"""# Scenes
 {{table}}
 
 The upper row of an image shows what the camera sees at both ends of the lens's travel and in between at the true
-focus of the target. The lower row shows members of the scene's family, drawn at random, and for a moving scene the
-start, the middle and the end of a second, all sharp. An image file has at most {MAX_BYTES // 1000} kB. First versions
+focus of the target. The lower row shows members of the scene's family, drawn at random, and a moving scene at
+moments of a second, all sharp. An image file has at most {MAX_BYTES // 1000} kB. First versions
 of scenes are kept, because the data of frozen benchmarks were made with them.
 
 This page is written by one command. Run it again after a scene has changed, with `--keep` to render only what is
@@ -143,7 +143,7 @@ class View:
             [(label, display_gamma(image, white)) for label, image in zip((first, middle, last), images, strict=True)]
         ]
         both = bool(renderer.motions) and any(is_range(value) for value in renderer.scene.card.params.values())
-        small = render_images(renderer, best, samples=samples, count=SMALL_IMAGES, shrink=2 if both else 1)
+        small = render_images(renderer, best, samples=samples, count=SMALL_IMAGES // 2 if both else SMALL_IMAGES)
         row = [(moment_label(label), display_gamma(image, white_level(image))) for label, image in small]
         return [*rows, row] if row else rows
 

@@ -57,15 +57,10 @@ def make_sheet(
     return replace(sheet, sharp=sharp, small_images=small)
 
 
-def render_images(
-    renderer: Renderer, position: float, *, samples: int, count: int, shrink: int = SHRINK
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield captions and sharp images of members of the family and of moments of a moving scene.
-
-    Their sides are ``shrink`` times shorter than those of the camera's images.
-    """
+def render_images(renderer: Renderer, position: float, *, samples: int, count: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield captions and small, sharp images of members of the family and of moments of a moving scene."""
     scene, grid = renderer.scene, renderer.grid
-    grid = SensorGrid(grid.rows // shrink, grid.columns // shrink, grid.pitch_m * shrink)
+    grid = SensorGrid(grid.rows // SHRINK, grid.columns // SHRINK, grid.pitch_m * SHRINK)
     if any(is_range(value) for value in scene.card.params.values()):
         for n in range(count):
             member = make_renderer(scene.draw_member("preview", n), grid, backend_name=renderer.backend_name)

@@ -19,7 +19,7 @@ from view import SIZE_UM, View
 
 MM_PER_UM = 1e-3
 BELOW_UM = 5.0  # from the upper sheet to the lower
-SCATTERED = 0.2  # of the light from above, by unit absorbance
+SCATTERED, RETURNED = 0.2, 0.3  # of the light from above, by unit absorbance; of that, upwards
 GRID = (36, 50)  # quadrilaterals of a sheet
 
 LAMP_MM, LAMP_RADIUS_MM, LAMP_RADIANCE = -3.0, 6.0, 46.6  # opal glass; W m^-2 sr^-1
@@ -65,7 +65,7 @@ def _stained(absorbance: np.ndarray, scattered: float) -> dict[str, Any]:
     if scattered == 0:
         return through
     share = _picture((scattered * absorbance).clip(0, 0.5))
-    back = {"type": "diffuse", "reflectance": 0.9}
+    back = {"type": "diffuse", "reflectance": RETURNED}
     return {"type": "blendbsdf", "weight": share, "through": through, "back": back}
 
 

@@ -13,7 +13,7 @@ SHAPE = round(SIZE_UM[1] / TEXEL_UM), round(SIZE_UM[0] / TEXEL_UM)
 
 
 class Mineral(NamedTuple):
-    """Birefringence; share let through; relief 0..1; cleavage 0..1; share thrown back."""
+    """Birefringence; share let through; relief 0..1; cleavage 0..1; share held back."""
 
     birefringence: float
     clear: float
@@ -30,7 +30,7 @@ MINERALS = {
     "olivine": Mineral(0.036, 0.93, 0.9, 0.0, 0.06),
     "biotite": Mineral(0.042, 0.75, 0.5, 1.0, 0.05),
     "calcite": Mineral(0.172, 0.95, 0.6, 0.8, 0.07),
-    "magnetite": Mineral(0.0, 0.0, 1.0, 0.0, 0.20),
+    "magnetite": Mineral(0.0, 0.0, 1.0, 0.0, 0.12),
     "glass": Mineral(0.0, 0.6, 0.3, 0.0, 0.05),
     "zircon": Mineral(0.055, 0.9, 1.0, 0.0, 0.08),
 }
