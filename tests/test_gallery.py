@@ -2,7 +2,9 @@
 
 import re
 
+import numpy as np
 import pytest
+from PIL import Image
 from small_dataset import HERE
 from written_scenes import VARIANT
 
@@ -13,13 +15,19 @@ MOVES = "motion: {card: {keyframes: [{time_s: 0}, {time_s: 1, translate_m: [0.01
 
 
 @pytest.fixture
-def write(small_sensor, tmp_path, monkeypatch):
-    """A function that writes the gallery of some scenes to ``docs`` and returns the exit code."""
+def gallery(monkeypatch):
+    """The module that writes the gallery."""
     monkeypatch.syspath_prepend(HERE.parent / "tools")
-    from write_gallery import main
+    import write_gallery
 
-    options = ["--out", str(tmp_path / "docs"), "--sensor", str(small_sensor), "--variant", VARIANT]
-    return lambda *scenes: main([*scenes, *options])
+    return write_gallery
+
+
+@pytest.fixture
+def write(gallery, small_sensor, tmp_path):
+    """A function that writes the gallery of some scenes to ``docs`` and returns the exit code."""
+    options = ["--out", str(tmp_path / "docs"), "--sensor", str(small_sensor), "--variant", VARIANT, "--samples", "16"]
+    return lambda *scenes: gallery.main([*scenes, *options])
 
 
 @pytest.fixture
@@ -45,8 +53,10 @@ def test_a_gallery_has_a_section_and_a_picture_a_scene(write, mine, tmp_path, te
     page = (tmp_path / "docs/scenes.md").read_text()
     assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == ["mine", "workbench"]
     assert "| motion | 100 time slices per second, interpolated with an error of at most 2.5 % |" in page
-    for name in re.findall(r"\]\((pictures/\S+)\)", page):
-        assert 1000 < (tmp_path / "docs" / name).stat().st_size < 150_000
+    pictures = re.findall(r"\]\((pictures/[^)]+)\)", page)
+    assert len(pictures) == 4  # a thumbnail and a picture of each
+    for name in pictures:
+        assert 500 < (tmp_path / "docs" / name).stat().st_size < 150_000
     links = re.findall(r"\[SOURCE.md\]\((\S+)\)", page)
     assert [(tmp_path / "docs" / link).resolve() for link in links] == [
         scene.folder / "SOURCE.md",
@@ -56,3 +66,46 @@ def test_a_gallery_has_a_section_and_a_picture_a_scene(write, mine, tmp_path, te
     mine("target: [card]", "target: [cart]")
     assert write("mine") == 1
     assert "mine could not be drawn: " in capsys.readouterr().err
+    drawn = (tmp_path / "docs" / pictures[0]).stat().st_mtime_ns
+    assert write("workbench", "--keep") == 0
+    assert (tmp_path / "docs" / pictures[0]).stat().st_mtime_ns == drawn
+
+
+def test_the_versions_of_a_scene_stand_together_the_newest_first(gallery):
+    names = ["two_planes", "fan", "fan_2", "usaf_microscope", "coin_2"]
+    families = gallery.group_versions(names)
+    assert families == {
+        "coin_2": ["coin_2"],  # it succeeds nothing that is listed
+        "fan": ["fan_2", "fan"],
+        "two_planes": ["two_planes"],
+        "usaf_microscope": ["usaf_microscope"],
+    }
+    table = gallery.thumbnail_table(families)
+    assert "[![fan](pictures/scenes/thumbnails/fan_2.jpg)](#fan)" in table
+    assert len({line.count("|") for line in table.splitlines()}) == 1
+
+
+@pytest.mark.parametrize("count", [4, 5, 13, 38, 57])
+def test_the_last_row_of_thumbnails_is_nearly_full(gallery, count):
+    last = gallery.thumbnail_table({f"scene{n}": [f"scene{n}"] for n in range(count)}).splitlines()[-1]
+    cells = [cell.strip() for cell in last.strip("|").split("|")]
+    assert cells.count("") <= 3
+
+
+@pytest.mark.parametrize("small", [(3, 1), (6, 2)], ids=["one kind", "two kinds"])
+def test_every_row_fills_the_width_and_has_legible_labels(gallery, tmp_path, small):
+    count, shrink = small
+    black = np.zeros((250, 400))
+    upper = [(label, black) for label in ("near end", "in focus", "far end")]
+    lower = [(f"t = {n}.00 s", black[::shrink, ::shrink]) for n in range(count)]
+    gallery.save_grid([upper, lower], tmp_path / "it.jpg", max_bytes=10**6)
+    with Image.open(tmp_path / "it.jpg") as picture:
+        grey = np.asarray(picture)
+    assert grey.shape == (2 * 26 + 250 + 250 // shrink, 1220)
+    for row, height in ((26, 250), (302, 250 // shrink)):
+        images = grey[row + 8 : row + height - 8]
+        assert (images[:, [8, -8]] < 40).all()  # from edge to edge
+        assert (images > 200).any(axis=0).sum() < 40  # narrow gaps
+        strip = grey[row - 26 : row]
+        assert strip.min() < 90
+        assert (strip[[0, -1]] > 150).mean() > 0.95  # letters end within their strip

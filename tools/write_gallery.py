@@ -1,18 +1,20 @@
-"""Write the gallery of scenes, docs/scenes.md: a picture and the figures of every scene.
+"""Write the gallery of scenes, docs/scenes.md: pictures and the figures of every scene.
 
-python tools/write_gallery.py [SCENE...] [--out docs]
+python tools/write_gallery.py [SCENE...] [--out docs] [--samples 1024] [--keep]
 """
 
 import argparse
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.image import imsave
+from matplotlib import get_data_path
+from PIL import Image, ImageDraw, ImageFont
 
 from saf_gen.authoring.scene_sheet import render_images
 from saf_gen.camera import Sensor, get_sensor
@@ -21,21 +23,30 @@ from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.files import atomic_file, write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
-from saf_gen.render import make_renderer
+from saf_gen.render import Renderer, make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.scene.scene_folder import Scene, SceneCard, find_scene, scene_names
 
-GAP = 4  # pixels between two images
-MAX_BYTES = 100_000  # per image file, because these are part of the repository
-SAMPLES, SLOW_SAMPLES, SMALL_SAMPLES = 16, 4, 8  # per pixel; SMALL_SAMPLES is for the small images
-SMALL_IMAGES = 3  # number of members, and of moments
+GAP = 10  # pixels between two images of the upper row
+LABEL, TYPE = 26, 18  # pixels: height of the strip above an image, and size of the letters in it
+MAX_BYTES = 140_000  # per image file, because these are part of the repository
+THUMBNAIL = 200  # pixels: width of the pictures at the head of the page
+SAMPLES, SLOW_SAMPLES = 1024, 4  # per pixel; the latter for a backend that renders position by position
+POSITIONS = 129  # of the stack from which the upper row is taken: one trace serves all three
+SMALL_IMAGES = 6  # of half the size: members, moments, or three of each
+FONT = Path(get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+VERSION = re.compile(r"(\w+)_([2-9])")  # name of a scene that succeeds another
 HEAD = f"""# Scenes
 
-The upper row of an image shows what the camera sees at one end of the lens's travel, at the true focus of the
-target, and at the other end. The lower row shows members of the scene's family, drawn at random, and for a
-moving scene the start, the middle and the end of a second. An image file has at most {MAX_BYTES // 1000} kB.
+{{table}}
 
-This page is written by one command. Run it again after a scene has changed:
+The upper row of an image shows what the camera sees at both ends of the lens's travel and in between at the true
+focus of the target. The lower row shows members of the scene's family, drawn at random, and a moving scene at
+moments of a second, all sharp. An image file has at most {MAX_BYTES // 1000} kB. First versions
+of scenes are kept, because the data of frozen benchmarks were made with them.
+
+This page is written by one command. Run it again after a scene has changed, with `--keep` to render only what is
+missing:
 
 ```
 python tools/write_gallery.py
@@ -43,50 +54,110 @@ python tools/write_gallery.py
 """
 
 
-def write_gallery(scenes: Sequence[Scene], sensor: Sensor, *, folder: Path, backend: str) -> dict[str, BadInput]:
-    """Write ``folder/scenes.md`` and ``folder/pictures/scenes/<id>.jpg``.
+def write_gallery(
+    scenes: Sequence[Scene], sensor: Sensor, *, folder: Path, backend: str, samples: int = SAMPLES, keep: bool = False
+) -> dict[str, BadInput]:
+    """Write ``folder/scenes.md``, and ``<id>.jpg`` and ``thumbnails/<id>.jpg`` in ``folder/pictures/scenes``.
 
-    Return the error of each scene that could not be rendered and was left out, by name.
+    keep : whether to use pictures that are already there. Return the error of each scene that could not be rendered
+    and was left out, by name.
     """
-    sections, failed = [HEAD], {}
+    sections, failed = {}, {}
     for scene in scenes:
         print(scene.id, flush=True)
+        picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
+        small = picture.parent / "thumbnails" / picture.name
         try:
-            view = View.render(scene, sensor, backend=backend)
+            view = View.trace(scene, sensor, backend=backend)
+            if not (keep and picture.is_file() and small.is_file()):
+                rows = view.render(samples=samples)
+                save_grid(rows, picture, max_bytes=MAX_BYTES)
+                save_thumbnail(rows[0][1][1], small)
         except BadInput as problem:
             failed[scene.id] = problem
             continue
-        picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
-        save_grid(view.rows, picture, max_bytes=MAX_BYTES)
-        sections.append(section(scene, view, picture=picture, folder=folder))
-    write_text(folder / "scenes.md", "\n".join(sections))
+        sections[scene.id] = section(scene, view, picture=picture, folder=folder)
+    families = group_versions(list(sections))
+    page = [HEAD.format(table=thumbnail_table(families))]
+    for name, versions in families.items():
+        page += [f"## {name}", ""]
+        for number, version in enumerate(versions):
+            if len(versions) > 1:
+                first = ", first version, kept for frozen benchmarks" if number == len(versions) - 1 else ""
+                page += [f"### {version}{first}", ""]
+            page.append(sections[version])
+    write_text(folder / "scenes.md", "\n".join(page))
     return failed
+
+
+def group_versions(names: Sequence[str]) -> dict[str, list[str]]:
+    """Return the versions of each scene, the newest first, by the name of the first: ``fan_2`` succeeds ``fan``."""
+    families: dict[str, list[str]] = {}
+    for name in names:
+        found = VERSION.fullmatch(name)
+        families.setdefault(found[1] if found and found[1] in names else name, []).append(name)
+    return {name: sorted(versions, reverse=True) for name, versions in sorted(families.items())}
+
+
+def thumbnail_table(families: Mapping[str, Sequence[str]]) -> str:
+    """Return a table of small pictures that link to the sections, with the newest version of each scene."""
+    cells = [
+        f"[![{name}](pictures/scenes/thumbnails/{versions[0]}.jpg)](#{name})<br>[{name}](#{name})"
+        for name, versions in families.items()
+    ]
+    across = min((5, 4, 6), key=lambda columns: -len(cells) % columns)  # the last row lacks as few as possible
+    cells += [""] * (-len(cells) % across)
+    rows = [cells[k : k + across] for k in range(0, len(cells), across)]
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([f"|{' |' * across}", f"|{':-:|' * across}", *lines])
 
 
 @dataclass(frozen=True)
 class View:
-    """Rows of grey images (0 to 1), depth and target, and the true focus (NaN if the target is out of sight)."""
+    """A scene in front of its camera: depth and target, and the true focus (NaN if the target is out of sight)."""
 
-    rows: list[list[np.ndarray]]
+    renderer: Renderer
     seen: DepthAndTarget
     truth: float
 
     @classmethod
-    def render(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "View":
+    def trace(cls, scene: Scene, sensor: Sensor, *, backend: str) -> "View":
         renderer = make_renderer(scene, sensor, backend_name=backend, wavelength_m=sensor.wavelength_m)
         seen = renderer.trace_geometry(allow_unseen_target=True)
         depths = seen.depth[seen.target]
-        truth = scene.build_drive().least_blur(depths) if depths.size else float("nan")
-        best = float(np.clip(np.nan_to_num(truth, nan=0.5), 0, 1))
-        samples = SLOW_SAMPLES if renderer.is_slow else SAMPLES
-        images = [renderer.render_picture(p, samples=samples) for p in (0.0, best, 1.0)]
+        return cls(renderer, seen, scene.build_drive().least_blur(depths) if depths.size else float("nan"))
+
+    def render(self, *, samples: int) -> list[list[tuple[str, np.ndarray]]]:
+        """Return rows of labels and grey images (0 to 1): at both ends and in focus; members and moments."""
+        renderer = self.renderer
+        best = float(np.clip(np.nan_to_num(self.truth, nan=0.5), 0, 1))
+        samples = SLOW_SAMPLES if renderer.is_slow else samples
+        images = self._along_travel((0.0, best, 1.0), samples=samples)
         white = white_level(images[1])
-        rows = [[display_gamma(image, white) for image in images]]
-        samples = SLOW_SAMPLES if renderer.is_slow else SMALL_SAMPLES
-        small = [image for _, image in render_images(renderer, best, samples=samples, count=SMALL_IMAGES)]
-        if small:
-            rows.append([display_gamma(image, white_level(image)) for image in small])
-        return cls(rows, seen, truth)
+        depths = [float(renderer.scene.build_drive().focus_depth(p)) for p in (0.0, 1.0)]
+        first, last = ("near end", "far end") if depths[0] < depths[1] else ("far end", "near end")
+        middle = (
+            "in focus" if best == self.truth else "middle of the travel" if np.isnan(self.truth) else "out of reach"
+        )
+        rows = [
+            [(label, display_gamma(image, white)) for label, image in zip((first, middle, last), images, strict=True)]
+        ]
+        both = bool(renderer.motions) and any(is_range(value) for value in renderer.scene.card.params.values())
+        small = render_images(renderer, best, samples=samples, count=SMALL_IMAGES // 2 if both else SMALL_IMAGES)
+        row = [(moment_label(label), display_gamma(image, white_level(image))) for label, image in small]
+        return [*rows, row] if row else rows
+
+    def _along_travel(self, positions: Sequence[float], *, samples: int) -> list[np.ndarray]:
+        """Return the camera's images at positions under all lights, or at the nearest of a stack's."""
+        if self.renderer.is_slow:
+            return [self.renderer.render_picture(p, samples=samples) for p in positions]
+        stack = self.renderer.render_stack(self.seen, positions=POSITIONS, samples=samples, as_one_group=True)
+        return [stack.radiance[0, round(p * (POSITIONS - 1))] for p in positions]
+
+
+def moment_label(label: str) -> str:
+    """Return the label of an image: moments of time are written as such."""
+    return f"t = {label}" if label.endswith(" s") else label
 
 
 def section(scene: Scene, view: View, *, picture: Path, folder: Path) -> str:
@@ -109,9 +180,7 @@ def section(scene: Scene, view: View, *, picture: Path, folder: Path) -> str:
     }
     table = [f"| {key} | {value} |" for key, value in rows.items() if value]
     image = f"![{escape_markdown(card.title)}]({picture.relative_to(folder).as_posix()})"
-    return "\n".join(
-        [f"## {scene.id}", "", f"{escape_markdown(card.title)}.", "", image, "", "| | |", "|---|---|", *table, ""]
-    )
+    return "\n".join([f"{escape_markdown(card.title)}.", "", image, "", "| | |", "|---|---|", *table, ""])
 
 
 def motion(card: SceneCard) -> str:
@@ -136,21 +205,38 @@ def source_link(scene: Scene, folder: Path) -> str:
     return f"[{source}]({Path(os.path.relpath(scene.folder / source, folder)).as_posix()})"
 
 
-def save_grid(rows: Sequence[Sequence[np.ndarray]], path: Path, *, max_bytes: int) -> None:
-    """Write rows of grey images (0 to 1, of equal height in a row) as JPEG, with at most ``max_bytes`` if possible."""
-    height = sum(row[0].shape[0] + GAP for row in rows) - GAP
-    sheet = np.ones((height, max(sum(image.shape[1] + GAP for image in row) - GAP for row in rows)))
+def save_grid(rows: Sequence[Sequence[tuple[str, np.ndarray]]], path: Path, *, max_bytes: int) -> None:
+    """Write rows of labelled grey images (0 to 1, of equal size in a row) as JPEG, at most ``max_bytes`` if possible.
+
+    Each row fills the width: images stand evenly from the left edge to the right, and each below its label.
+    """
+    width = max(sum(image.shape[1] + GAP for _, image in row) - GAP for row in rows[:1])
+    height = sum(LABEL + row[0][1].shape[0] for row in rows)
+    sheet = Image.new("L", (width, height), 255)
+    draw, typeface = ImageDraw.Draw(sheet), ImageFont.truetype(FONT, TYPE)
     y = 0
     for row in rows:
-        x = 0
-        for image in row:
-            sheet[y : y + image.shape[0], x : x + image.shape[1]] = image
-            x += image.shape[1] + GAP
-        y += row[0].shape[0] + GAP
+        rest = width - row[0][1].shape[1]
+        for number, (label, image) in enumerate(row):
+            x = round(number * rest / max(len(row) - 1, 1))
+            draw.text((x + image.shape[1] / 2, y + LABEL / 2), label, fill=32, font=typeface, anchor="mm")
+            sheet.paste(Image.fromarray(np.round(255 * image).astype(np.uint8)), (x, y + LABEL))
+        y += LABEL + row[0][1].shape[0]
+    save_jpeg(sheet, path, max_bytes=max_bytes)
+
+
+def save_thumbnail(image: np.ndarray, path: Path) -> None:
+    """Write a small copy of a grey image (0 to 1) as JPEG."""
+    size = THUMBNAIL, round(THUMBNAIL * image.shape[0] / image.shape[1])
+    small = Image.fromarray(np.round(255 * image).astype(np.uint8)).resize(size, Image.Resampling.LANCZOS)
+    save_jpeg(small, path, max_bytes=MAX_BYTES // 10)
+
+
+def save_jpeg(image: Image.Image, path: Path, *, max_bytes: int) -> None:
+    """Write an image with the best quality that fits, or else a poor one."""
     with atomic_file(path) as temporary:
         for quality in (90, 85, 80, 70, 60, 45, 30):
-            options = {"quality": quality, "optimize": True}
-            imsave(temporary, sheet, cmap="gray", vmin=0, vmax=1, format="jpg", pil_kwargs=options)
+            image.save(temporary, format="JPEG", quality=quality, optimize=True)
             if temporary.stat().st_size <= max_bytes:
                 break
 
@@ -162,10 +248,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder for scenes.md and its pictures")
     parser.add_argument("--sensor", default="vidar_400x250")
     parser.add_argument("--variant", default="auto")
+    parser.add_argument("--samples", type=int, default=SAMPLES, help=f"light paths per pixel (default: {SAMPLES})")
+    parser.add_argument("--keep", action="store_true", help="render no scene whose pictures are there")
     given = parser.parse_args(argv)
+    if given.samples < 1:
+        parser.error(f"--samples {given.samples} is below 1; the default is {SAMPLES}")
     try:
         scenes = [find_scene(name) for name in given.scenes or scene_names()]
-        failed = write_gallery(scenes, get_sensor(given.sensor), folder=given.out, backend=given.variant)
+        sensor, how = get_sensor(given.sensor), {"samples": given.samples, "keep": given.keep}
+        failed = write_gallery(scenes, sensor, folder=given.out, backend=given.variant, **how)
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2
