@@ -16,8 +16,8 @@ TEXEL_M = 0.0008  # a pixel sees 3.8 mm of the sign
 SIGN_M = (0.96, 0.70)
 HERE = Path(__file__).parent
 PLACES = (
-    "St. Verity", "Aldermere", "Bronstad", "Castelnuovo", "Dunhaven", "Eisenacht", "Florville", "Granby", "Holmsted",
-    "Karlsund", "Lindow", "Montclair", "Nordham", "Overton", "Penryn", "Quarnholm", "Rosenborg", "Isley",
+    "St. Verity", "Aldermere", "Bronstad", "Castelnuovo", "Dunhaven", "Eisenacht", "Florville", "Granby",
+    "Holmsted", "Karlsund", "Lindow", "Montclair", "Nordham", "Overton", "Penryn", "Quarnholm", "Rosenborg", "Isley",
 )  # fmt: skip
 VIA = ("via Lindow", "calls at all stations", "via Granby and Isley", "not on Sundays", "front coaches only")
 STREETS = (
@@ -75,7 +75,7 @@ class Board:
         align: str = "left",
         room: float = np.inf,
     ) -> None:
-        """Text with capitals of a height, its baseline at a place; smaller if wider than ``room``."""  # fmt: skip
+        """Text with capitals of a height, its baseline at a place; smaller if wider than ``room``."""
         size = cap / face.cap_height
         size *= min(room / face.width(text, size=size), 1.0)
         self.fill(face.line(text, at, size=size, align=align), grey)

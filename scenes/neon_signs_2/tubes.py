@@ -1,4 +1,4 @@
-"""Bent glass tubes: strokes of letters with round bends, cut into straight lit pieces, and what holds and feeds them.
+"""Bent glass tubes: strokes with round bends, cut into straight lit pieces, and what holds and feeds them.
 
 In the plane of the sign: metres, x right, y up, z from the board towards the lens.
 """
@@ -15,7 +15,8 @@ from solids import Body, placed, rounded, tube, turned, turning
 RADIUS, STANDS_OFF = 0.0070, 0.045  # of a tube, and from the board to its middle
 BEND = 0.016  # radius of a bend at the least
 BLACK, GLASS, STEEL, RUBBER, WIRE = 0.025, 0.45, 0.30, 0.04, 0.05  # reflectances
-FADE = 0.035  # by which a tube is dim beside its electrode
+STEP = 0.0015  # between the points of a centre line
+FADE = 0.010  # by which a tube is dim beside its electrode
 AROUND, ALONG = 32, 4  # texels of the radiance of a piece
 
 # Strokes of a letter 4 wide and 6 high: corners with the radius of the bend there. A stroke is one lit path.
@@ -46,6 +47,8 @@ class Piece(NamedTuple):
     start: np.ndarray
     stop: np.ndarray
     bright: tuple[float, float]
+    path: int
+    """Number of the path to which it belongs."""
 
 
 def word(text: str, height: float, slant: float) -> list[np.ndarray]:
@@ -56,7 +59,9 @@ def word(text: str, height: float, slant: float) -> list[np.ndarray]:
     for place, letter in enumerate(text):
         for stroke in LETTERS[letter]:
             corners = np.array([[float(v) for v in corner.split()] for corner in stroke.split("|")])
-            points = bent((corners[:, :2] - [0, 3] + [left + PITCH * place, 0]) * scale, corners[:, 2] * scale)
+            points = bent(
+                (corners[:, :2] - [0, 3] + [left + PITCH * place, 0]) * scale, corners[:, 2] * scale
+            )
             paths.append(points + np.stack([slant * points[:, 1], 0 * points[:, 1]], axis=1))
     return paths
 
@@ -73,10 +78,15 @@ def bent(corners: np.ndarray, radii: np.ndarray) -> np.ndarray:
         middle = b + (back + on) / np.linalg.norm(back + on) * r / np.sin(half)
         first, last = b + cut * back - middle, b + cut * on - middle
         turn = np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)
-        steps = max(int(r * abs(turn) / 0.0015), 4)
+        steps = max(int(r * abs(turn) / STEP), 4)
         a_ = np.linspace(0, turn, steps + 1)
-        made += list(middle + np.stack([np.cos(a_), np.sin(a_)], axis=1) @ np.array([first, [-first[1], first[0]]]))
-    return np.array([*made, corners[-1]])
+        made += list(
+            middle + np.stack([np.cos(a_), np.sin(a_)], axis=1) @ np.array([first, [-first[1], first[0]]])
+        )
+    path = np.array([*made, corners[-1]])
+    way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0, way[-1], max(round(way[-1] / STEP), 6) + 1)
+    return np.stack([np.interp(at, way, path[:, k]) for k in (0, 1)], axis=1)
 
 
 def loop(size: tuple[float, float], kind: str) -> list[np.ndarray]:
@@ -110,7 +120,7 @@ def cut(paths: list[np.ndarray], count: int, random: np.random.Generator) -> lis
 
     def bright(k: int, at: int) -> float:
         s, long = ways[k][at], ways[k][-1]
-        ends = 1 - 0.55 * np.exp(-s / FADE) - 0.55 * np.exp(-(long - s) / FADE)
+        ends = 1 - 0.4 * np.exp(-s / FADE) - 0.4 * np.exp(-(long - s) / FADE)
         wave = sum(np.sin(f * s / 0.1 + phase) for f, phase in zip((1.1, 2.3, 5.1), waves[k], strict=True))
         return float(ends * (1 + 0.05 * wave))
 
@@ -123,7 +133,7 @@ def cut(paths: list[np.ndarray], count: int, random: np.random.Generator) -> lis
             if 0 <= other < len(paths[k]):  # a little longer, so that bends are closed
                 step = _neighbour(spans, k, at, side, paths)
                 more[side] = RADIUS * np.tan(0.5 * np.arccos(np.clip(along @ step, -1, 1)))
-        made.append(Piece(start - more[0] * along, stop + more[1] * along, (bright(k, a), bright(k, b))))
+        made.append(Piece(start - more[0] * along, stop + more[1] * along, (bright(k, a), bright(k, b)), k))
     return made
 
 
@@ -158,7 +168,7 @@ def lit(piece: Piece, turn: np.ndarray, at: np.ndarray, radiance: float) -> dict
     front = turn @ np.array([0, 0, 1.0])
     side = np.cross(along, front)
     pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = RADIUS * front, -RADIUS * side, long * along, start
+    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = RADIUS * front, RADIUS * side, long * along, start
     angle = 2 * np.pi * (np.arange(AROUND) + 0.5) / AROUND
     profile = 0.42 + 0.74 * np.abs(np.cos(angle)) ** 1.5  # about 1 on average over what is seen
     grey = radiance * np.outer(np.linspace(*piece.bright, ALONG), profile)
@@ -175,19 +185,26 @@ def lit(piece: Piece, turn: np.ndarray, at: np.ndarray, radiance: float) -> dict
 
 
 def fittings(paths: list[np.ndarray], outlet: np.ndarray, random: np.random.Generator) -> list[Body]:
-    """What is not lit, in the sign's own axes: tubes bent back and blacked out, jumps, electrodes, clips, wires.
+    """What is not lit, in the sign's axes: tubes bent back and blacked out, electrodes, clips, wires.
 
     outlet : (x, y) where the wires leave the board.
     """
     parts: list[Body] = []
     for path in paths:
-        for end, inner in ((path[0], path[3]), (path[-1], path[-4])):
+        for end, inner in ((path[0], path[4]), (path[-1], path[-5])):
             out = (end - inner) / np.linalg.norm(end - inner)
-            knots = [(0.0, STANDS_OFF), (0.5 * BEND, STANDS_OFF - 0.1 * BEND), (0.95 * BEND, STANDS_OFF - 0.9 * BEND), (BEND, 0.006)]
+            knots = [
+                (0.0, STANDS_OFF),
+                (0.5 * BEND, STANDS_OFF - 0.1 * BEND),
+                (0.95 * BEND, STANDS_OFF - 0.9 * BEND),
+                (BEND, 0.006),
+            ]
             back = rounded([[*(end + out * s), z] for s, z in knots])
             parts.append(tube(back, 1.03 * RADIUS, around=16, tone=BLACK))
             foot = [*(end + out * BEND), 0.0]
-            boot = turned([(0.013, 0), (0.0125, 0.012), (0.0095, 0.022), (0.0085, 0.026)], around=20, tone=RUBBER)
+            boot = turned(
+                [(0.013, 0), (0.0125, 0.012), (0.0095, 0.022), (0.0085, 0.026)], around=20, tone=RUBBER
+            )
             parts.append(placed(boot, foot, turn=turning([1, 0, 0], 90)))
         parts += _clips(path)
     for first, second in pairwise(paths):
@@ -196,11 +213,13 @@ def fittings(paths: list[np.ndarray], outlet: np.ndarray, random: np.random.Gene
             out = (first[-1] - first[-4]) / np.linalg.norm(first[-1] - first[-4])
             into = (second[0] - second[3]) / np.linalg.norm(second[0] - second[3])
             a, b = first[-1] + out * BEND, second[0] + into * BEND
-            sag = rounded([[*a, 0.012], [*(a + 0.3 * (b - a)), 0.017], [*(a + 0.7 * (b - a)), 0.017], [*b, 0.012]])
+            sag = rounded(
+                [[*a, 0.012], [*(a + 0.3 * (b - a)), 0.017], [*(a + 0.7 * (b - a)), 0.017], [*b, 0.012]]
+            )
             parts.append(tube(sag, 0.9 * RADIUS, around=14, tone=BLACK))
     for end in (paths[0][0], paths[-1][-1]):
         mid = (end + outlet) / 2 + random.normal(0, 0.012, 2)
-        knots = [[*end, 0.008], [*(end + [0.004, -0.03]), 0.006], [*mid, 0.006], [*outlet, 0.008]]
+        knots = [[*end, 0.008], [end[0] + 0.004, end[1] - 0.03, 0.006], [*mid, 0.006], [*outlet, 0.008]]
         parts.append(tube(rounded(knots), 0.0035, around=10, tone=WIRE))
     return parts
 
@@ -214,7 +233,11 @@ def _clips(path: np.ndarray) -> list[Body]:
         k = min(int(np.searchsorted(way, s)), len(path) - 2)
         part = (s - way[k - 1]) / max(way[k] - way[k - 1], 1e-9) if k else 0.0
         x, y = path[k - 1] + part * (path[k] - path[k - 1]) if k else path[0]
-        post = turned([(0.009, 0), (0.009, 0.004), (0.004, 0.006), (0.0038, 0.034), (0.0065, 0.037)], around=16, tone=GLASS)
+        post = turned(
+            [(0.009, 0), (0.009, 0.004), (0.004, 0.006), (0.0038, 0.034), (0.0065, 0.037)],
+            around=16,
+            tone=GLASS,
+        )
         parts.append(placed(post, (x, y, 0), turn=turning([1, 0, 0], 90)))
         along = (path[k] - path[k - 1]) / np.linalg.norm(path[k] - path[k - 1])
         across = np.array([-along[1], along[0]])

@@ -82,7 +82,7 @@ def paper(shape: tuple[int, int], random: np.random.Generator) -> np.ndarray:
 def _fibres(
     shape: tuple[int, int], count: int, depth: float, spread: float, random: np.random.Generator
 ) -> np.ndarray:
-    """Bent hairs of one texel, brighter or darker by up to ``depth``, most along the machine (up and down)."""
+    """Bent hairs of one texel, brighter or darker by up to ``depth``, most of them up and down."""
     steps = 64
     length = random.uniform(*FIBRE_MM, count) * spread / TEXEL_MM
     turn = np.pi / 2 + random.normal(0, 0.7, count)
