@@ -17,7 +17,8 @@ SIGN_M = (0.96, 0.70)
 HERE = Path(__file__).parent
 PLACES = (
     "St. Verity", "Aldermere", "Bronstad", "Castelnuovo", "Dunhaven", "Eisenacht", "Florville", "Granby",
-    "Holmsted", "Karlsund", "Lindow", "Montclair", "Nordham", "Overton", "Penryn", "Quarnholm", "Rosenborg", "Isley",
+    "Holmsted", "Karlsund", "Lindow", "Montclair", "Nordham", "Overton", "Penryn", "Quarnholm", "Rosenborg",
+    "Isley",
 )  # fmt: skip
 VIA = ("via Lindow", "calls at all stations", "via Granby and Isley", "not on Sundays", "front coaches only")
 STREETS = (
