@@ -18,20 +18,27 @@ def pullover(person: Person) -> dict[str, Body]:
     half = np.array([np.abs(points[(np.abs(points[:, 1] - y) < 4) & body, 0]).max(initial=0) for y in level])
     neck = float(level[np.nonzero(half > 92)[0].max(initial=0)])
     edge = neck + 2 - 0.38 * (points[:, 2] - SKULL[2])
-    fold = 1.6 * np.sin(points[:, 0] / 17 + points[:, 1] / 23) + 1.3 * np.sin(points[:, 0] / 41 - points[:, 1] / 13 + 2)
+    fold = 1.6 * np.sin(points[:, 0] / 17 + points[:, 1] / 23) + 1.3 * np.sin(
+        points[:, 0] / 41 - points[:, 1] / 13 + 2
+    )
     raised = points + normals * (5.5 + fold * np.clip((edge - points[:, 1]) / 40, 0, 1))[:, None]
     inside = person.mesh.quads[(points[:, 1] < edge + 1.0)[person.mesh.quads].all(axis=1)]
     used, quads = np.unique(inside, return_inverse=True)
     quads = quads.reshape(-1, 4)
     cloth = Body(
-        raised[used], np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), raised[used, :2] / STITCH_MM, np.full(len(used), 0.5)
+        raised[used],
+        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]),
+        raised[used, :2] / STITCH_MM,
+        np.full(len(used), 0.5),
     )
     near = np.abs(points[:, 1] - edge) < 7
     turn = np.arctan2(points[near, 0], points[near, 2] - SKULL[2])
     r = np.hypot(points[near, 0], points[near, 2] - SKULL[2])
     bins = ((turn + np.pi) / (2 * np.pi) * 90).astype(int) % 90
     count, total = np.bincount(bins, minlength=90), np.bincount(bins, r, minlength=90)
-    soft = ndimage.gaussian_filter1d(total, 1.5, mode="wrap") / np.maximum(ndimage.gaussian_filter1d(count.astype(float), 1.5, mode="wrap"), 1e-6)
+    soft = ndimage.gaussian_filter1d(total, 1.5, mode="wrap") / np.maximum(
+        ndimage.gaussian_filter1d(count.astype(float), 1.5, mode="wrap"), 1e-6
+    )
     angle = np.linspace(-np.pi, np.pi, 181)
     ring = np.interp(angle, np.linspace(-np.pi, np.pi, 91), np.append(soft, soft[0]))
     around = np.linspace(0, 2 * np.pi, 17)[:, None]

@@ -32,7 +32,9 @@ class Person:
     masks: dict[str, np.ndarray]  # (m,)
     eyes: np.ndarray  # (2, 3), left first
     eye_r: float
-    lashes: list[tuple[np.ndarray, np.ndarray]]  # roots and tips (k, 3) of the four rows: lower, upper; left, right
+    lashes: list[
+        tuple[np.ndarray, np.ndarray]
+    ]  # roots and tips (k, 3) of the four rows: lower, upper; left, right
     male: bool
     age: float
 

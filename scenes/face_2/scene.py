@@ -31,7 +31,12 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     tone, dark = float(params["skin"]), float(params["hair_tone"])
     sitter = person.drawn(params, random)
     looks = skin.skin(tone, dark, sitter, random)
-    head = Body(sitter.vertices, sitter.mesh.triangles, skin.unwound(sitter.vertices), np.full(len(sitter.vertices), tone))
+    head = Body(
+        sitter.vertices,
+        sitter.mesh.triangles,
+        skin.unwound(sitter.vertices),
+        np.full(len(sitter.vertices), tone),
+    )
     iris = _eye(float(random.choice([0.015, 0.025, 0.04, 0.07])), random)
     strands = _strands()
     made = {
@@ -96,9 +101,14 @@ def _eyeball(middle: np.ndarray, radius: float, params: dict[str, Any]) -> Body:
     around = np.linspace(0, 2 * np.pi, 65)
     r = radius + CORNEA_MM * np.clip(1 - (off / IRIS) ** 2, 0, 1)
     points = np.stack(
-        np.broadcast_arrays(r * np.sin(off) * np.cos(around), r * np.sin(off) * np.sin(around), r * np.cos(off)), axis=2
+        np.broadcast_arrays(
+            r * np.sin(off) * np.cos(around), r * np.sin(off) * np.sin(around), r * np.cos(off)
+        ),
+        axis=2,
     )
-    gaze = turning([0, 1, 0], -float(np.clip(0.8 * float(params["yaw_deg"]), -16, 16))) @ turning([1, 0, 0], 1.5)
+    gaze = turning([0, 1, 0], -float(np.clip(0.8 * float(params["yaw_deg"]), -16, 16))) @ turning(
+        [1, 0, 0], 1.5
+    )
     return placed(grid(points), middle, turn=gaze)
 
 

@@ -24,7 +24,7 @@ class Skin(NamedTuple):
 
 
 def unwound(vertices: np.ndarray) -> np.ndarray:
-    """Coordinates (n, 2) on the pictures, which are wound round the upright axis of the head, their seam behind."""
+    """Coordinates (n, 2) on the pictures, wound round the upright axis of the head, their seam behind."""
     turn = np.arctan2(vertices[:, 0], vertices[:, 2] - SKULL[2]) / (2 * np.pi) + 0.5
     return np.stack([turn, (vertices[:, 1] - FOOT_MM) / (TOP_MM - FOOT_MM)], axis=1)
 
@@ -49,8 +49,13 @@ class _Map:
         for name, value in values.items():
             total = np.zeros(shape)
             np.add.at(total, at, value[keep])
-            fine, wide = (ndimage.gaussian_filter(total, s) / np.maximum(c, 1e-9) for s, c in zip((0.9, 5), blurred, strict=True))
-            self.held[name] = ndimage.zoom(np.where(blurred[0] > 0.02, fine, wide), COARSE, order=1).astype(np.float32)
+            fine, wide = (
+                ndimage.gaussian_filter(total, s) / np.maximum(c, 1e-9)
+                for s, c in zip((0.9, 5), blurred, strict=True)
+            )
+            self.held[name] = ndimage.zoom(np.where(blurred[0] > 0.02, fine, wide), COARSE, order=1).astype(
+                np.float32
+            )
         turn = ((np.arange(COLUMNS, dtype=np.float32) + 0.5) / COLUMNS - 0.5)[None, :] * 2 * np.pi
         self.x = self.held["r"] * np.sin(turn)
         self.z = self.held["r"] * np.cos(turn) + SKULL[2]
@@ -73,12 +78,19 @@ def skin(tone: float, hair_tone: float, person: Person, random: np.random.Genera
     net = np.clip(1 - 6 * np.minimum(fine, np.abs(noise(shape, (ROWS / 5, COLUMNS / 4), random))), 0, 1)
     grey = 1 + 0.07 * cloudy(shape, 26, 3, random) + 0.05 * cloudy(shape, 110, 2, random)
     grey *= 1 - 0.16 * pores - 0.05 * net
-    warm = under.spot(48, -38, 24, 20) + under.spot(-48, -38, 24, 20) + 1.1 * under.spot(0, -38, 14, 14) + 0.6 * ears
+    warm = (
+        under.spot(48, -38, 24, 20)
+        + under.spot(-48, -38, 24, 20)
+        + 1.1 * under.spot(0, -38, 14, 14)
+        + 0.6 * ears
+    )
     grey *= 1 - 0.09 * warm * (1 + 0.5 * noise(shape, (60, 80), random))
     relief = -0.055 * pores - 0.03 * net + 0.02 * noise(shape, (ROWS / 6, COLUMNS / 6), random)
     for eye in person.eyes:
         x, y = float(eye[0]), float(eye[1])
-        grey *= 1 - (0.10 + 0.10 * age) * under.spot(x, y - 15, 17, 8) - 0.10 * under.spot(x * 0.55, y - 2, 7, 9)
+        grey *= (
+            1 - (0.10 + 0.10 * age) * under.spot(x, y - 15, 17, 8) - 0.10 * under.spot(x * 0.55, y - 2, 7, 9)
+        )
     grey *= 1 - 0.09 * lids
     lines = _lines(under, person, age, random)
     grey *= 1 - 0.10 * lines
@@ -93,11 +105,23 @@ def skin(tone: float, hair_tone: float, person: Person, random: np.random.Genera
     _rims(grey, person, tone)
     if person.male:
         grey = _stubble(grey, under, lips, hair_tone, random)
-    brow = sum(under.spot(s * (abs(float(e[0])) + 3), float(e[1]) + 22, 20, 4.5) for s, e in zip((1, -1), person.eyes, strict=True))
-    grey += 0.22 * np.clip(brow, 0, 1) * (min(hair_tone, tone) - grey)
+    brow = sum(
+        under.spot(s * (abs(float(e[0])) + 3), float(e[1]) + 22, 20, 4.5)
+        for s, e in zip((1, -1), person.eyes, strict=True)
+    )
+    grey += 0.14 * np.clip(brow, 0, 1) * (min(hair_tone, tone) - grey)
     grey += 0.62 * scalp * (1 - ears) * (min(hair_tone, 0.7 * tone) - grey)
-    rough = 0.46 + 0.06 * cloudy(shape, 40, 3, random) - 0.12 * lips - 0.07 * np.clip(under.spot(0, 40, 45, 25) + under.spot(0, -20, 12, 30), 0, 1)
-    return Skin(np.clip(grey, 0.02, 0.75).astype(np.float32), np.clip(rough, 0.25, 0.65).astype(np.float32), (relief * 1e-3).astype(np.float32))
+    rough = (
+        0.46
+        + 0.06 * cloudy(shape, 40, 3, random)
+        - 0.12 * lips
+        - 0.07 * np.clip(under.spot(0, 40, 45, 25) + under.spot(0, -20, 12, 30), 0, 1)
+    )
+    return Skin(
+        np.clip(grey, 0.02, 0.75).astype(np.float32),
+        np.clip(rough, 0.25, 0.65).astype(np.float32),
+        (relief * 1e-3).astype(np.float32),
+    )
 
 
 def _lines(under: _Map, person: Person, age: float, random: np.random.Generator) -> np.ndarray:
@@ -121,11 +145,29 @@ def _spots(grey: np.ndarray, age: float, random: np.random.Generator) -> None:
     """Freckles, spots of age, a few moles; in place."""
     freckled = random.uniform(0, 1) ** 3
     for _ in range(int(250 + 1500 * freckled)):
-        _blot(grey, random.uniform(120, 620), random.normal(COLUMNS / 2, COLUMNS / 9), random.uniform(0.8, 2.2), random.uniform(0.04, 0.16))
+        _blot(
+            grey,
+            random.uniform(120, 620),
+            random.normal(COLUMNS / 2, COLUMNS / 9),
+            random.uniform(0.8, 2.2),
+            random.uniform(0.04, 0.16),
+        )
     for _ in range(int(60 * age)):
-        _blot(grey, random.uniform(50, 620), random.uniform(0.2, 0.8) * COLUMNS, random.uniform(2, 6), random.uniform(0.04, 0.14))
+        _blot(
+            grey,
+            random.uniform(50, 620),
+            random.uniform(0.2, 0.8) * COLUMNS,
+            random.uniform(2, 6),
+            random.uniform(0.04, 0.14),
+        )
     for _ in range(int(random.integers(3, 9))):
-        _blot(grey, random.uniform(200, 850), random.uniform(0.25, 0.75) * COLUMNS, random.uniform(1.6, 3.0), random.uniform(0.3, 0.65))
+        _blot(
+            grey,
+            random.uniform(200, 850),
+            random.uniform(0.25, 0.75) * COLUMNS,
+            random.uniform(1.6, 3.0),
+            random.uniform(0.3, 0.65),
+        )
 
 
 def _blot(grey: np.ndarray, row: float, column: float, size: float, depth: float) -> None:
@@ -134,7 +176,9 @@ def _blot(grey: np.ndarray, row: float, column: float, size: float, depth: float
     here = grey[rows, columns]
     if here.size:
         r, c = np.ogrid[: here.shape[0], : here.shape[1]]
-        here *= 1 - depth * np.exp(-((r + rows.start - row) ** 2 + (c + columns.start - column) ** 2) / (1.2 * size**2))
+        here *= 1 - depth * np.exp(
+            -((r + rows.start - row) ** 2 + (c + columns.start - column) ** 2) / (1.2 * size**2)
+        )
 
 
 def _rims(grey: np.ndarray, person: Person, tone: float) -> None:
@@ -149,11 +193,17 @@ def _rims(grey: np.ndarray, person: Person, tone: float) -> None:
     grey += 0.65 * line * (0.25 * tone - grey)
 
 
-def _stubble(grey: np.ndarray, under: _Map, lips: np.ndarray, hair_tone: float, random: np.random.Generator) -> np.ndarray:
+def _stubble(
+    grey: np.ndarray, under: _Map, lips: np.ndarray, hair_tone: float, random: np.random.Generator
+) -> np.ndarray:
     """A shaven beard's ground: moustache, chin, jaws, throat."""
     strength = random.uniform(0.1, 1.0)
     y, x = under.y, np.abs(under.x)
-    jaw = np.clip((-38 - 0.35 * (62 - x) - y) / 12, 0, 1) * np.clip((y + 150) / 30, 0, 1) * np.clip((under.z + 95) / 20, 0, 1)
+    jaw = (
+        np.clip((-38 - 0.35 * (62 - x) - y) / 12, 0, 1)
+        * np.clip((y + 150) / 30, 0, 1)
+        * np.clip((under.z + 95) / 20, 0, 1)
+    )
     lip_y = -72
     tash = np.exp(-((x / 30) ** 4) - ((y - lip_y - 17) / 8) ** 2)
     where = np.clip(jaw + tash, 0, 1) * under.front * np.clip(1 - 1.6 * lips, 0, 1)
@@ -162,12 +212,14 @@ def _stubble(grey: np.ndarray, under: _Map, lips: np.ndarray, hair_tone: float, 
 
 
 def eye(tone: float, random: np.random.Generator) -> np.ndarray:
-    """An eye by angle off its axis (rows, 0 on top to pi) and around: white with veins, iris, limbus, pupil."""
+    """An eye by angle off its axis (rows, 0 on top to pi) and around: white, veins, iris, limbus, pupil."""
     rows, columns = 900, 512
     off = (np.pi * (np.arange(rows, dtype=np.float32) + 0.5) / rows)[:, None]
     around = (np.arange(columns, dtype=np.float32) + 0.5)[None, :] / columns * 2 * np.pi
     veins = np.abs(noise((rows, columns), (26, 22), random) + 0.5 * noise((rows, columns), (60, 40), random))
-    white = 0.46 * (1 + 0.04 * cloudy((rows, columns), 12, 2, random)) * (1 - 0.25 * np.clip(1 - 9 * veins, 0, 1))
+    white = (
+        0.46 * (1 + 0.04 * cloudy((rows, columns), 12, 2, random)) * (1 - 0.25 * np.clip(1 - 9 * veins, 0, 1))
+    )
     white = white * (1 - 0.30 * np.clip((off - 0.55) / 0.5, 0, 1))
     threads = noise((rows, columns), (14, 120), random) + 0.6 * noise((rows, columns), (30, 220), random)
     collar = np.exp(-(((off - 0.26 - 0.02 * np.sin(7 * around)) / 0.05) ** 2))

@@ -1,6 +1,7 @@
 """Somebody's hand from the shapes in ``hand.npz``, its fingers bent as a gesture has them. Millimetres.
 
-A right hand that shows its palm: the wrist is the origin, y leads along the hand, x towards the thumb, z out of the palm.
+A right hand that shows its palm: the wrist is the origin, y leads along the hand, x to the thumb, z out of
+the palm.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ FINGER = {"index": 1, "middle": 2, "ring": 3}
 
 @dataclass(frozen=True)
 class Hand:
-    """Split along the seams of its picture: where vertices are, and where they are while the hand is at rest."""
+    """Split along the seams of its picture: where its vertices are, and where at rest."""
 
     vertices: np.ndarray  # (n, 3)
     normals: np.ndarray  # (n, 3)
@@ -47,7 +48,7 @@ class Hand:
 
 
 def hand(gesture: str, params: dict[str, Any], random: np.random.Generator) -> Hand:
-    """The hand of this sex and age; its build differs by chance, and so do spread and bends by a few degrees."""
+    """The hand of this sex and age; its build, spread and bends differ by chance."""
     file = np.load(Path(__file__).with_name("hand.npz"))
     old = float(np.clip((float(params["age_years"]) - 25) / 65, 0, 1))
     first = 2 if params["sex"] == "male" else 0
@@ -111,7 +112,9 @@ def _posed(
     chains = [[]]
     for k, bend in enumerate(bends):
         wanted = np.asarray(bend) + random.normal(0, 2.5, 3)
-        aside = (1.5 - k) * (3.0 * spread if gesture in ("open", "two", "point") else 0.5) + random.normal(0, 0.8)
+        aside = (1.5 - k) * (3.0 * spread if gesture in ("open", "two", "point") else 0.5) + random.normal(
+            0, 0.8
+        )
         chains.append(_finger(fingers[k + 1], wanted, -aside if bend is not FOLDED else 0.0))
     chains[0] = _thumb(fingers, chains, thumb, random)
     poses = [AT_REST] * 6 + [pose for chain in chains for pose in chain]
@@ -135,7 +138,9 @@ def _finger(joints: np.ndarray, wanted: np.ndarray, aside_deg: float) -> list[_P
     return made
 
 
-def _thumb(fingers: np.ndarray, chains: list[list[_Pose]], goal: str, random: np.random.Generator) -> list[_Pose]:
+def _thumb(
+    fingers: np.ndarray, chains: list[list[_Pose]], goal: str, random: np.random.Generator
+) -> list[_Pose]:
     """Of the three bones of the thumb: as it lies at rest, or with its pad on a finger."""
     joints = fingers[0]
     ways = np.diff(joints, axis=0)
@@ -158,11 +163,16 @@ def _thumb(fingers: np.ndarray, chains: list[list[_Pose]], goal: str, random: np
     if goal == "index":
         there = chains[k][2](fingers[k][3] - 4 * np.array([0, 1, 0]) + [0, 0, 8.0])
     else:
-        there = chains[k][1](fingers[k][1:3].mean(axis=0) + [0, 0, -10.5])
+        middle = fingers[k][1:3].mean(axis=0)
+        there = chains[k][1](middle + np.array([0, 0, -10.5]))
 
     def off(angles: np.ndarray) -> float:
-        hard = np.clip(angles - [60, 35, 35, 55, 70], 0, None) + np.clip([-10, -25, -35, -10, -15] - angles, 0, None)
-        return float(((bent(angles)[2](pad) - there) ** 2).sum() + 0.012 * (angles**2).sum() + 2 * (hard**2).sum())
+        hard = np.clip(angles - [60, 35, 35, 55, 70], 0, None) + np.clip(
+            [-10, -25, -35, -10, -15] - angles, 0, None
+        )
+        return float(
+            ((bent(angles)[2](pad) - there) ** 2).sum() + 0.012 * (angles**2).sum() + 2 * (hard**2).sum()
+        )
 
     best = minimize(off, np.array([25.0, 10.0, 5.0, 15.0, 20.0]), method="Powell", options={"maxiter": 40})
     return bent(best.x)

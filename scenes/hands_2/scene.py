@@ -1,6 +1,6 @@
 """Two hands that speak by signs before somebody's pullover and a room; they sway a little.
 
-World frame: metres, x right, y up, z towards the lens, which stands at z = 1.5; the nearer hand is at z = 0.
+World frame: metres, x right, y up, z towards the lens, which stands at z = 1.8; the nearer hand is at z = 0.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ import numpy as np
 import skin
 from knit import LOOPS, stitch
 from living_room import room
+from saf_gen.render.meshes import make_mesh
 from solids import Body, grid, placed, turning
 from surfaces import cloudy, matte, mesh, panel, texture
 
-from saf_gen.render.meshes import make_mesh
-
 M_PER_MM = 1e-3
-ASIDE_M, DOWN_M = 0.078, 0.078  # of the wrists, from the middle of the picture
+ASIDE_M, DOWN_M = 0.088, 0.092  # of the wrists, from the middle of the picture
 BODY_Z, WALL_Z = -0.40, -1.5
 LAMP, WINDOW, ROOM = 11.0, 2.0, 0.09  # W m^-2 sr^-1
 KNOTS, SWAYS = 21, 0.7  # keyframes; sways in a second
@@ -100,16 +99,30 @@ def _skin(looks: skin.Skin) -> dict[str, Any]:
 
 def _cuff(made: hand.Hand) -> Body:
     """The end of a sleeve over the wrist, ribbed and a little wide."""
-    near = made.rest[(made.rest[:, 1] < -35) & (made.rest[:, 1] > -75)]
+    near = made.rest[(made.rest[:, 1] < -15) & (made.rest[:, 1] > -60)]
     middle, half = (near.max(axis=0) + near.min(axis=0)) / 2, (near.max(axis=0) - near.min(axis=0)) / 2
     angle = np.linspace(0, 2 * np.pi, 241)
-    profile = [(26, -320), (14, -130), (9, -100), (7.5, -92), (5.5, -84), (5, -52), (4.2, -48), (2.6, -47), (1.2, -52)]
+    profile = [
+        (26, -320),
+        (14, -108),
+        (9, -78),
+        (7.5, -70),
+        (5.5, -62),
+        (5, -30),
+        (4.2, -26),
+        (2.6, -25),
+        (1.2, -30),
+    ]
     rib = 0.55 * np.cos(44 * angle)
     rows, uv = [], []
     for wide, y in profile:
-        ribs = rib * (y > -90) + (0.9 * np.sin(3 * angle + y / 9) + 1.2 * np.sin(2 * angle - y / 23)) * (y < -95)
+        ribs = rib * (y > -68) + (0.9 * np.sin(3 * angle + y / 9) + 1.2 * np.sin(2 * angle - y / 23)) * (
+            y < -73
+        )
         a, b = half[0] + wide + ribs, half[2] + wide + ribs
-        rows.append(np.stack([middle[0] + a * np.sin(angle), y + 0 * angle, middle[2] + b * np.cos(angle)], axis=1))
+        rows.append(
+            np.stack([middle[0] + a * np.sin(angle), y + 0 * angle, middle[2] + b * np.cos(angle)], axis=1)
+        )
         uv.append(np.stack([angle / (2 * np.pi) * 64, np.full(angle.size, y / 1e3 / STITCH_M)], axis=1))
     return grid(np.array(rows), uv=np.array(uv))
 

@@ -1,4 +1,4 @@
-"""The far end of a living room, to stand out of focus behind a subject: painted wall, bookcase, curtain, framed print."""
+"""The far end of a living room, to stand out of focus: painted wall, bookcase, curtain, framed print."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SPINES = 48
 
 
 def room(random: np.random.Generator, *, wall_z: float, low: float = -0.62) -> dict[str, Any]:
-    """Entries of a scene (metres): a wall at ``wall_z``, which faces +z, and what stands before it, on either side by chance.
+    """Entries of a scene (metres): a wall at ``wall_z``, which faces +z, and what stands before it.
 
     low : height at which the bookcase stands.
     """
@@ -98,6 +98,11 @@ def _print(random: np.random.Generator) -> np.ndarray:
     grey[view] = sky[view]
     grey[view & (np.hypot(x - 205, y - 165) < 15)] = 0.8
     for k in range(5):
-        top = 190 + 34 * k + 20 * noise((1, columns), (1, 5 + 2 * k), random)[0] + 6 * noise((1, columns), (1, 40), random)[0]
+        top = (
+            190
+            + 34 * k
+            + 20 * noise((1, columns), (1, 5 + 2 * k), random)[0]
+            + 6 * noise((1, columns), (1, 40), random)[0]
+        )
         grey[view & (y > top)] = 0.36 - 0.07 * k
     return np.clip(grey * (1 + 0.05 * noise((rows, columns), (200, 150), random)), 0.02, 0.85)
