@@ -63,7 +63,7 @@ class Roots(NamedTuple):
 
 
 def density(person: Person, points: np.ndarray) -> np.ndarray:
-    """How densely hair of the head grows at points (n, 3) of the skin, 0..1; less over old men's foreheads."""
+    """How densely hair of the head grows at points (n, 3) of the skin, 0..1; less over old men's brows."""
     azimuth, polar = _angles(points - SKULL)
     turn = np.degrees(np.abs(azimuth))
     back = 12 * np.clip((person.age - 30) / 40, 0, 1) if person.male else 0.0
@@ -106,7 +106,7 @@ def _grown(
     on: Roots, *, length: np.ndarray, lift: np.ndarray,
     way: Callable[[np.ndarray, float], np.ndarray], weight: float, room: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Paths that leave the skin by ``lift``, follow ``way(points, part)``, sag, keep ``room`` above the skin."""
+    """Paths that leave the skin by ``lift``, follow ``way(points, part)``, sag, and lie ``room`` above it."""
     paths = np.empty((len(on.roots), POINTS, 3))
     paths[:, 0] = on.roots - 0.3 * on.outward
     step = length / (POINTS - 1)
