@@ -136,6 +136,7 @@ def test_a_library_module_never_changes():
         "solids_1": "7077d487b6e06923aa12437739d43ba221454ea19746bb2ca56c8c202af089e8",
         "stroke_font_1": "31997152c1cbfc150d52a7ec45d9713f8d0fef26497460451b6f1a0ef56bd100",
         "surfaces_1": "ef11ff83e375fdad11fef327f35f0b1450a9edbc4b52040d630bd13ff3e64319",
+        "typeface_1": "409f6e8b2d16ccb76c66175094e3d797ccc8b7244f469ab327894e523034122f",
     }
 
 

@@ -1,4 +1,4 @@
-"""Bodies of the scene library: closed, facing outwards, and of the right volume."""
+"""Bodies of the scene library are closed, face outwards and have the right volume; its text is set and inked right."""
 
 import importlib.util
 
@@ -15,7 +15,7 @@ def library(name):
     return module
 
 
-solids, clay = library("solids_1"), library("clay_1")
+solids, clay, typeface = library("solids_1"), library("clay_1"), library("typeface_1")
 LINE = np.linspace([0, 0, 0], [1, 2, 2], 9)  # 3 long
 BALL = 4 / 3 * np.pi
 
@@ -74,3 +74,67 @@ def test_clay_melts_together():
         volumes[blend] = volume(*made.mesh())
         assert (made.field[round(2.25 / 0.05), round(1.2 / 0.05), round(1.2 / 0.05)] < 0) == (blend > 0.1)
     assert 2 * BALL < volumes[0.8] < 2.1 * BALL
+
+
+@pytest.fixture
+def blocks(tmp_path):
+    """A typeface of em 100: A is a block 60 wide and 70 high, B a disc of diameter 80; A and B are kerned by -20."""
+    disc = [[40, 0], [0, 0], [0, 40], [0, 80], [40, 80], [80, 80], [80, 40], [80, 0]]
+    np.savez(
+        tmp_path / "blocks.npz",
+        em=100,
+        heights=[70, 50, 80, -20],
+        characters=[32, 65, 66],
+        advances=[25, 60, 80],
+        points=np.array([[0, 0], [0, 70], [60, 70], [60, 0], *disc], dtype=np.int16),
+        on_curve=np.array([True] * 4 + [True, False] * 4),
+        ends=[4, 12],
+        contours=np.array([0, 1, 1], dtype=np.uint8),
+        left=np.array([1], dtype=np.uint8),
+        right=np.array([2], dtype=np.uint8),
+        kern=np.array([-20], dtype=np.int16),
+    )
+    return typeface.Typeface(tmp_path / "blocks.npz")
+
+
+def test_ink_is_the_share_of_a_pixel_that_is_covered():
+    """Against a picture sixteen times as fine in both directions; triangles overlap, and leave the picture."""
+    corners = np.random.default_rng(1).uniform(-4, 24, (40, 3, 2))
+    turn = corners[:, 1:] - corners[:, :1]
+    clockwise = turn[:, 0, 0] * turn[:, 1, 1] < turn[:, 0, 1] * turn[:, 1, 0]
+    triangles = [corner[::-1] if flip else corner for corner, flip in zip(corners, clockwise, strict=True)]
+    one, finer = typeface.ink(triangles[:1], (20, 16)), typeface.ink(triangles[:1], (320, 256), scale=16)
+    assert one == pytest.approx(finer.reshape(20, 16, 16, 16).mean((1, 3)), abs=2e-6)
+    fine = typeface.ink(triangles, (1280, 1024), scale=64) > 0.5
+    assert np.abs(typeface.ink(triangles, (20, 16)) - fine.reshape(20, 64, 16, 64).mean((1, 3))).mean() < 0.01
+    assert typeface.ink([], (2, 3)).tolist() == [[0, 0, 0], [0, 0, 0]]
+
+
+def test_a_letter_has_its_place_and_its_area(blocks):
+    ink = typeface.ink(blocks.line("A", (3, 90), size=100), (100, 100))
+    assert ink.sum() == pytest.approx(60 * 70)
+    assert ink[20:90, 3:63].min() == 1
+    disc = typeface.ink(blocks.line("B", (97, 90), size=100, align="right"), (100, 100))
+    assert disc[10:90, 17:97].sum() == disc.sum() == pytest.approx(4 * 40**2 * 5 / 6, rel=1e-3)  # four parabolas
+
+
+def test_a_line_is_kerned_aligned_and_justified(blocks):
+    assert blocks.width("AB BA", size=10) == pytest.approx(6 - 2 + 8 + 2.5 + 8 + 6)
+    assert blocks.width("AA", size=10, tracking=0.1) == pytest.approx(13)
+    ends = [points[:, 0].max() for points in blocks.line("A A A", (5, 0), size=10, measure=40)]
+    assert ends == pytest.approx([11, 28, 45])
+    middle = np.concatenate(blocks.line("A A", (0, 0), size=10, align="centre"))[:, 0]
+    assert middle.min() == pytest.approx(-middle.max())
+
+
+def test_a_paragraph_keeps_its_words_and_its_measure(blocks):
+    text = " ".join("A" * (1 + k % 3) for k in range(40))
+    lines = blocks.paragraph(text, size=10, measure=100, indent=7)
+    assert " ".join(line.text for line in lines) == text
+    assert [line.indent for line in lines] == [7] + [0] * (len(lines) - 1)
+    assert [line.ends for line in lines] == [False] * (len(lines) - 1) + [True]
+    assert all(blocks.width(line.text, size=10) + line.indent <= 100 for line in lines)
+    set_ = np.concatenate(blocks.column(lines[:-1], (2, 0), size=10, measure=100, leading=12))
+    assert set_[:, 0].max() == pytest.approx(102)
+    assert set_[:, 1].max() == pytest.approx(12 * (len(lines) - 2))
+    assert [line.text for line in blocks.paragraph("AAAA A", size=10, measure=20)] == ["AAAA", "A"]
