@@ -13,7 +13,7 @@ SNOW = 0.84
 def height(x: np.ndarray, z: np.ndarray, near: float) -> np.ndarray:
     """Height of the snow without its relief: a bank round the post at z = -near, a slope behind it."""
     back = np.maximum(-z - near - 0.5, 0)
-    bank = -0.235 - 0.10 * np.clip(-z - near, -1.5, 4) ** 2 * (z > -near) * 0.25
+    bank = -0.235 - 0.10 * np.minimum(-z - near, 0) ** 2
     return bank - 0.62 * (1 - np.exp(-((back / 2.2) ** 2))) + 0.052 * back
 
 

@@ -22,8 +22,8 @@ SHEETS = (
 )  # fmt: skip
 BOARDS, GAP_M = 2, 0.03
 SKY, HUT_RADIANCE, HUT_M = 1.15, 9.0, (0.9, 0.7)  # W m^-2 sr^-1
-NEAR_FIRS = ((0.98, -0.55, 3.4), (-1.30, -1.7, 4.2), (0.35, -3.3, 4.5))  # x, z from the sign, height
-KINDS, FAR = 2, 34
+NEAR_FIRS = ((1.02, -0.55, 3.4), (-1.35, -1.7, 4.2))  # x, z from the sign, height
+KINDS, FAR = 3, 34
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
@@ -116,35 +116,51 @@ def _ground(near: float, random: np.random.Generator) -> dict[str, Any]:
 
 
 def _trees(params: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
-    """Spruces close behind the sign, needle by needle; others as copies of a few, scattered up the slope."""
+    """Spruces close behind the sign, needle by needle; others up the slope: copies of few boughs or trees."""
     near, side = float(params["distance_m"]), float(params["hut_side"])
-    fine = [firs.bough(1.0, random, needle_m=0.019, step_m=0.0022, twig_m=0.05) for _ in range(3)]
-    close = []
-    for x, z, high in NEAR_FIRS:
+    scene: dict[str, Any] = {}
+    for k in range(KINDS):
+        made = firs.bough(1.0, random, needle_m=0.021, step_m=0.0018, twig_m=0.045, cell_m=0.010)
+        scene[f"bough_{k}"] = _group(f"bough_{k}", made, 1.0)
+    trunks = []
+    for n, (x, z, high) in enumerate(NEAR_FIRS):
         foot = np.array([side * x, -1.05, -near + z])
-        made = firs.tree(fine, (0.35, 2.1), high, random)
-        close.append(made.placed(foot, turn=turning([0, 1, 0], random.uniform(0, 360))))
-    scene = _three("near", firs.together(close))
-    coarse = [firs.bough(1.0, random, needle_m=0.05, step_m=0.010, twig_m=0.09) for _ in range(2)]
+        whole = turning([0, 1, 0], random.uniform(0, 360))
+        trunks.append(placed(firs.trunk(high), foot))
+        reach = 0.09 * (near - z) + 0.25  # what the lens sees at the height of the tree
+        for k, (kind, at, turn, size) in enumerate(
+            firs.whorls((1.05 - reach, 1.05 + reach), high, KINDS, random)
+        ):
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = size * whole @ turn, foot + at
+            scene[f"near_{n}_{k}"] = _copy(f"bough_{kind}", pose)
+    scene["trunks"] = mesh("trunks", joined(trunks), matte(firs.BARK))
+    coarse = [
+        firs.bough(1.0, random, needle_m=0.05, step_m=0.008, twig_m=0.09, cell_m=0.02) for _ in range(2)
+    ]
     for k in range(KINDS):
         made = firs.tree(coarse, (0.3, 9.0), 3.2, random)
-        scene[f"fir_{k}"] = {"type": "shapegroup", **_three(f"fir_{k}", made)}
+        scene[f"fir_{k}"] = _group(f"fir_{k}", made, 1.7)
     for k in range(FAR):
         z = -near - 4.5 - 36 * random.uniform(0, 1) ** 1.3
         x = random.uniform(-0.15, 0.15) * -z
-        y = float(ground.height(np.array(x), np.array(z), near)) - 0.1
-        pose = mi.ScalarTransform4f().translate([x, y, z]).rotate([0, 1, 0], float(random.uniform(0, 360)))
-        scene[f"far_{k}"] = {
-            "type": "instance",
-            "group": {"type": "ref", "id": f"fir_{k % KINDS}"},
-            "to_world": pose.scale(float(random.uniform(0.6, 1.6))),
-        }
+        pose = np.eye(4)
+        pose[:3, :3] = float(random.uniform(0.6, 1.6)) * turning([0, 1, 0], random.uniform(0, 360))
+        pose[:3, 3] = x, float(ground.height(np.array(x), np.array(z), near)) - 0.1, z
+        scene[f"far_{k}"] = _copy(f"fir_{k % KINDS}", pose)
     return scene
 
 
-def _three(name: str, made: firs.Tree) -> dict[str, Any]:
-    return {
-        f"{name}_needles": mesh(f"{name}_needles", made.needles, matte(tones()), smooth=False),
-        f"{name}_wood": mesh(f"{name}_wood", made.wood, matte(tones())),
-        f"{name}_load": mesh(f"{name}_load", made.snow, matte(tones())),
+def _copy(group: str, pose: np.ndarray) -> dict[str, Any]:
+    at = mi.ScalarTransform4f(pose.tolist())
+    return {"type": "instance", "group": {"type": "ref", "id": group}, "to_world": at}
+
+
+def _group(name: str, made: firs.Tree, veil: float) -> dict[str, Any]:
+    """What is shown in many places; ``veil``: how much paler the air makes what is dark."""
+    tones = firs.NEEDLE * veil, firs.DUSTED, firs.BARK * veil, firs.SNOW
+    parts = {
+        f"{name}_{part}": mesh(f"{name}_{part}", body, matte(tone), smooth=part == "load")
+        for part, body, tone in zip(made._fields, made, tones, strict=True)
     }
+    return {"type": "shapegroup", **parts}

@@ -122,18 +122,14 @@ def post(top: float, random: np.random.Generator) -> Body:
 def cap(wide: float, deep: float, high: float, random: np.random.Generator) -> Body:
     """A cushion of snow on a ledge along x, its foot at y = 0, that bulges over the edge."""
     clay = Clay((-wide / 2 - 0.03, -0.02, -deep), (wide / 2 + 0.03, 2.2 * high + 0.02, deep), cell=0.0042)
-    x = -wide / 2
-    level = random.uniform(0.8, 1.1)
-    while x < wide / 2:
+    reach = min(0.9 * high + 0.012, 0.58 * wide)
+    x, level = 0.75 * reach - wide / 2, random.uniform(0.8, 1.1)
+    while x <= wide / 2 - 0.7 * reach:
         level = np.clip(level + random.normal(0, 0.10), 0.55, 1.25)
-        size = high * level
-        z = random.normal(0.05, 0.08) * deep
-        clay.ball(
-            (x, 0.25 * size, z),
-            (0.9 * high + 0.012, 0.78 * size, 0.56 * deep * random.uniform(0.9, 1.15)),
-            blend=0.02,
-        )
-        x += random.uniform(0.3, 0.5) * (high + 0.012)
+        size, z = high * level, random.normal(0.05, 0.08) * deep
+        radii = (reach, 0.78 * size, 0.56 * deep * random.uniform(0.9, 1.15))
+        clay.ball((x, 0.25 * size, z), radii, blend=0.02)
+        x += random.uniform(0.3, 0.5) * reach
     y = clay.axes[1][None, :, None]
     clay.field = np.maximum(clay.field, (-0.004 - y).astype(np.float32))
     points, triangles = clay.mesh()

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from surfaces import cloudy, noise, texture
 from typeface import Typeface, ink
 
-CARD_M, TEXEL_M = (0.058, 0.076), 0.00007  # a pixel sees 0.24 mm to 0.30 mm of the card
+CARD_M, TEXEL_M = (0.050, 0.056), 0.00007  # a pixel sees 0.27 mm to 0.31 mm of the card
 DEEP_M = 0.00016  # of the embossing
 DISHES = (
     ("Pea soup", "mint, sourdough, cold butter"), ("Trout", "brown butter, almonds, dill"),
@@ -30,9 +31,8 @@ def card(printed: float, foil_rough: float, random: np.random.Generator) -> dict
     laid = 1 + 0.015 * np.sin(2 * np.pi * np.arange(rows) / 11.0)[:, None]
     worn = 1 - 0.12 * random.random(shape)
     grey = np.clip(paper * laid + text * worn * (printed - paper), 0.02, 0.9)
-    relief = (
-        -foil + 0.06 * noise(shape, (rows / 3, columns / 3), random) + 0.05 * cloudy(shape, 40, 3, random)
-    )
+    soft = gaussian_filter(foil, 1.6)
+    relief = 0.05 * cloudy(shape, 40, 3, random) + 0.02 * noise(shape, (rows / 4, columns / 4), random) - soft
     alpha = np.clip(foil_rough * (1 + 0.35 * cloudy(shape, 30, 4, random)), 0.06, 0.5)
     dull = 0.72 * (0.5 + 0.5 * cloudy(shape, 25, 4, random)) > 0.62  # where the foil did not take
     metal = {"type": "roughconductor", "distribution": "ggx", "eta": 0.30, "k": 2.6, "alpha": texture(alpha)}
@@ -67,22 +67,22 @@ def _foil(shape: tuple[int, int], scale: float, random: np.random.Generator) -> 
     made = np.maximum(made, corner)
     face = _face("script")
     title = str(random.choice(TITLES))
-    size = min(0.0150, 0.036 / face.width(title, size=1.0))
+    size = min(0.0125, 0.034 / face.width(title, size=1.0))
     made = np.maximum(
-        made, ink(face.line(title, (wide / 2, 0.0192), size=size, align="centre"), shape, scale=scale)
+        made, ink(face.line(title, (wide / 2, 0.0165), size=size, align="centre"), shape, scale=scale)
     )
-    rule = band(y - 0.0252, 0.00014) * (np.abs(x) < 0.016) * (np.abs(x) > 0.0024)
-    lozenge = np.clip((0.0013 - np.abs(x) - np.abs(y - 0.0252)) * scale + 0.5, 0, 1)
+    rule = band(y - 0.0215, 0.00014) * (np.abs(x) < 0.016) * (np.abs(x) > 0.0024)
+    lozenge = np.clip((0.0013 - np.abs(x) - np.abs(y - 0.0215)) * scale + 0.5, 0, 1)
     return np.maximum(made, np.maximum(rule, lozenge))
 
 
 def _text(shape: tuple[int, int], scale: float, random: np.random.Generator) -> np.ndarray:
-    """Four courses, each a line and what goes with it."""
+    """Three courses, each a line and what goes with it."""
     face, middle = _face("serif"), CARD_M[0] / 2
     contours = []
-    for k, number in enumerate(random.choice(len(DISHES), 4, replace=False)):
+    for k, number in enumerate(random.choice(len(DISHES), 3, replace=False)):
         dish, with_it = DISHES[number]
-        y = 0.0335 + 0.0108 * k
-        contours += face.line(dish, (middle, y), size=0.0044, align="centre", tracking=0.02)
-        contours += face.line(with_it, (middle, y + 0.0039), size=0.0027, align="centre")
+        y = 0.0285 + 0.0098 * k
+        contours += face.line(dish, (middle, y), size=0.0043, align="centre", tracking=0.02)
+        contours += face.line(with_it, (middle, y + 0.0039), size=0.0026, align="centre")
     return ink(contours, shape, scale=scale)

@@ -14,10 +14,10 @@ import tableware
 from solids import grid, placed, turning
 from surfaces import cloudy, glossy, matte, mesh, metal, texture, tones
 
-EYE, AIM = np.array([0.0, 0.10, 0.5]), np.array([0.0, 0.030, 0.0])
+EYE, AIM = np.array([0.0, 0.10, 0.5]), np.array([0.0, 0.034, 0.0])
 # Azimuth from the family's (rad), W of the visible band, share of the samples: most go where the card is lit.
 LAMPS = ((-0.42, 2.2, 8.0), (0.50, 1.2, 8.0), (2.55, 0.6, 3.0), (-2.70, 0.6, 3.0))
-GLOBES, GLOBE_M, GLOBE = 15, 0.0046, 7.0  # radius; W m^-2 sr^-1: frosted
+GLOBES, GLOBE_M, GLOBE = 15, 0.0058, 5.0  # radius; W m^-2 sr^-1: frosted
 FLAME_M, FLAME = 0.0045, 16.0
 CARD_TILT_DEG = -12.0  # it leans back
 STEEL, SILVER, BRASS = (2.6, 3.6), (0.13, 3.4), (0.6, 2.5)  # index and absorption at 555 nm
@@ -60,11 +60,11 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
 
 
 def _globes(z: float, random: np.random.Generator) -> np.ndarray:
-    """Places (n, 3) of a string of lights that winds over the cloth and hangs on the wall behind."""
+    """Places (n, 3) of a string of lights that winds over the cloth and up some twigs behind."""
     at = np.linspace(0, 1, GLOBES)
-    x = 0.24 * np.sin(9.0 * at + random.uniform(0, 6)) * (0.5 + 0.5 * at) + random.normal(0, 0.01, GLOBES)
-    back = -0.16 - 0.62 * at + random.normal(0, 0.012, GLOBES)
-    y = GLOBE_M + 0.16 * np.clip(at - 0.35, 0, 1) * (1 + 0.4 * np.sin(17 * at))
+    back = -0.12 - 0.62 * at + random.normal(0, 0.012, GLOBES)
+    x = (0.085 - 0.10 * back) * np.sin(11.0 * at + random.uniform(0, 6)) + random.normal(0, 0.008, GLOBES)
+    y = GLOBE_M + 0.07 * np.clip(at - 0.25, 0, 1) * (1 + 0.6 * np.sin(23 * at))
     return np.stack([x, y, z + back], axis=1)
 
 

@@ -11,8 +11,9 @@ def place_setting(z: float, random: np.random.Generator) -> Body:
     """Fork and spoon beside the card, more of them behind."""
     made = []
     for kind, x, back, yaw in (
-        (cutlery.fork, -0.066, -0.070, 4), (cutlery.spoon, 0.064, -0.060, -6),
-        (cutlery.knife, 0.082, -0.16, 3), (cutlery.spoon, -0.105, -0.26, 24), (cutlery.fork, 0.02, -0.38, -35),
+        (cutlery.fork, -0.047, -0.085, 5), (cutlery.spoon, 0.047, -0.080, -7),
+        (cutlery.knife, 0.068, -0.16, 3), (cutlery.spoon, -0.085, -0.26, 24),
+        (cutlery.fork, 0.02, -0.38, -35),
     ):  # fmt: skip
         shift = [x + random.normal(0, 0.003), 0, z + back + random.normal(0, 0.006)]
         made.append(placed(kind(), shift, turn=turning([0, 1, 0], yaw + float(random.normal(0, 2.5)))))
@@ -23,8 +24,8 @@ def baubles(z: float, random: np.random.Generator) -> Body:
     """Glass balls with caps, silvered, behind the card and beside it."""
     made = []
     for x, back, r in (
-        (-0.074, -0.10, 0.017),
-        (0.088, -0.13, 0.021),
+        (-0.056, -0.10, 0.016),
+        (0.072, -0.12, 0.019),
         (-0.040, -0.21, 0.019),
         (0.050, -0.30, 0.024),
         (-0.15, -0.40, 0.026),
