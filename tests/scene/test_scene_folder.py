@@ -133,6 +133,7 @@ def test_a_library_module_never_changes():
     assert digests == {
         "broad_pen_1": "002625c8ef6c69b9839516cd2d8c59232dffea20045792f7cc0221b6135febe4",
         "clay_1": "d02546064af298cad51a200c3f03aa31a003e7daff7ad30a9991594fb50d0816",
+        "solid_noise_1": "7098777983d09b0ebcbbf134c2d37c717bc748524b4951ec199a34ab884178f1",
         "solids_1": "7077d487b6e06923aa12437739d43ba221454ea19746bb2ca56c8c202af089e8",
         "stroke_font_1": "31997152c1cbfc150d52a7ec45d9713f8d0fef26497460451b6f1a0ef56bd100",
         "surfaces_1": "ef11ff83e375fdad11fef327f35f0b1450a9edbc4b52040d630bd13ff3e64319",
