@@ -233,7 +233,7 @@ FAULTS = {
     ),
     "dim light at once": Fault(
         "The photoreceptor of an event camera follows dim light as fast as bright light.",
-        (Change("camera.events.kernel", "tau = receptor_s + receptor_e / mean", "tau = receptor_s + receptor_e / 1e6"),),
+        (Change("camera.events.kernel", "receptor_s + receptor_e / mean", "receptor_s + receptor_e / 1e6"),),
         (
             "camera/test_events.py::test_a_step_is_followed_as_the_closed_form_says",
             "camera/test_events.py::test_smooth_light_is_followed_as_a_solver_says",
