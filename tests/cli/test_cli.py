@@ -173,12 +173,13 @@ def test_evaluate_follows_its_options(call, dataset, tmp_path):
 
 def test_a_log_gets_progress_of_long_sequences(call, dataset, tmp_path, monkeypatch):
     """A line every half minute names the method at work; otherwise there is a line for each sequence."""
-    command = ("evaluate", dataset, "--method", "sd+argmax")
+    windows = (f"sd+argmax:window={frames}" for frames in (20, 25, 30, 40))
+    command = ("evaluate", dataset, *(word for method in windows for word in ("--method", method)))
     clock = iter(range(0, 1000, 20))  # seconds; each reading is a step later
     monkeypatch.setattr(_terminal, "monotonic", lambda: next(clock))
     code, _, err = call(*command, "--out", tmp_path / "long", progress=True)
     assert code == 0
-    assert any(re.fullmatch(r"evaluate \d+%: \S+ sd\+argmax", line) for line in err.splitlines())
+    assert any(re.fullmatch(r"evaluate \d+%: \S+ sd\+argmax:window=\d+", line) for line in err.splitlines())
     monkeypatch.setattr(_terminal, "monotonic", lambda: 0.0)
     lines = call(*command, "--out", tmp_path / "short", progress=True)[2].splitlines()
     assert len(lines) > 1
