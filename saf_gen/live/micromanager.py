@@ -27,7 +27,7 @@ from pymmcore_plus.experimental.unicore import GenericDevice, SimpleCameraDevice
 
 BINNINGS = (1, 2, 4, 8)
 BUSY_S = 0.01
-"""Time of the camera that passes each time that the core asks whether the lens moves; it asks a hundred times a second."""
+"""Time of the camera that passes each time that the core asks whether the lens moves, a hundred times a second."""
 
 
 class SpikeCameraDevice(SimpleCameraDevice):
