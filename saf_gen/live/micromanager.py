@@ -26,8 +26,8 @@ require_extra("micromanager", "pymmcore_plus", of="saf_gen.live.micromanager")
 from pymmcore_plus.experimental.unicore import GenericDevice, SimpleCameraDevice, StageDevice, UniMMCore  # noqa: E402
 
 BINNINGS = (1, 2, 4, 8)
-BUSY_S = 0.002
-"""Time of the camera that passes each time the core asks whether the lens still moves."""
+BUSY_S = 0.01
+"""Time of the camera that passes each time that the core asks whether the lens moves, a hundred times a second."""
 
 
 class SpikeCameraDevice(SimpleCameraDevice):

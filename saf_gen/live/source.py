@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from saf_gen import __version__
 from saf_gen.benchmark.tracks.tasks import check_stream, select_sequences_to_evaluate
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.files import write_text
@@ -80,12 +81,17 @@ def open_capture(
 def _render(scene: str, *, sensor: str, samples: int, report: ReportProgress, tell: Callable[[str], None]) -> Path:
     """Return the folder of a dataset of one scene, made now unless an earlier call has made it."""
     find_scene(scene)
-    sensor = str(Path(sensor).resolve()) if Path(sensor).is_file() else sensor
+    state = __version__.encode()
+    if Path(sensor).is_file():
+        sensor = str(Path(sensor).resolve())
+        state += Path(sensor).read_bytes()
     text = RECIPE.format(scene=scene, sensor=json.dumps(sensor), samples=samples, positions=POSITIONS)
-    folder = _cache() / f"{scene}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    folder = _cache() / f"{scene}-{hashlib.sha256(text.encode() + state).hexdigest()[:8]}"
     recipe = folder.with_suffix(".yaml")
     write_text(recipe, text)
     plan = make_plan(resolve_recipe(recipe), folder)
+    if plan.manifest is not None and plan.manifest.sequences and not (plan.to_render or plan.unrecorded):
+        return folder  # at once: a run would start processes to find that there is nothing to do
     if plan.to_render:
         tell(f"rendering the focal stack of {scene}, which is kept in {folder}")
     result = run_plan(plan, report=report, tell=tell)
