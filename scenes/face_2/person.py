@@ -94,7 +94,8 @@ def _features(names: list[str], random: np.random.Generator) -> np.ndarray:
         if name.startswith("asym"):
             weights[k] = ASYMMETRY * random.uniform(0, 1)
         elif "/" in name:
-            weights[k] = np.clip(random.normal(0, 0.35), 0, 0.8)
+            usual = 0.18 if name.startswith("head/") else 0.35  # several shapes of the whole head add up
+            weights[k] = np.clip(random.normal(0, usual), 0, 0.8)
     for k, name in enumerate(names):
         for one, other in (("-incr", "-decr"), ("-up", "-down")):
             if name.endswith(one) and name.replace(one, other) in names:
