@@ -16,7 +16,7 @@ from surfaces import cloudy, glossy, matte, mesh, metal, texture, tones
 
 EYE, AIM = np.array([0.0, 0.10, 0.5]), np.array([0.0, 0.034, 0.0])
 # Azimuth from the family's (rad), W of the visible band, share of the samples: most go where the card is lit.
-LAMPS = ((-0.42, 2.2, 8.0), (0.50, 1.2, 8.0), (2.55, 0.6, 3.0), (-2.70, 0.6, 3.0))
+LAMPS = ((-0.42, 2.2, 9.0), (0.50, 1.2, 5.0), (2.55, 0.6, 1.5), (-2.70, 0.6, 1.5))
 GLOBES, GLOBE_M, GLOBE = 15, 0.0058, 5.0  # radius; W m^-2 sr^-1: frosted
 FLAME_M, FLAME = 0.0045, 16.0
 CARD_TILT_DEG = -12.0  # it leans back
@@ -53,9 +53,9 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     }
     flame = np.asarray(candle.vertices).max(axis=0)[1]
     middle = candle.vertices.mean(axis=0)
-    scene["flame"] = _ball([float(middle[0]), float(flame + 0.010), float(middle[2])], FLAME_M, FLAME, 1.0)
+    scene["flame"] = _ball([float(middle[0]), float(flame + 0.010), float(middle[2])], FLAME_M, FLAME, 0.5)
     for k, at in enumerate(lights):
-        scene[f"globe_{k}"] = _ball(at.tolist(), GLOBE_M, GLOBE, 0.25)
+        scene[f"globe_{k}"] = _ball(at.tolist(), GLOBE_M, GLOBE, 0.1)
     return scene | _lamps(params)
 
 
