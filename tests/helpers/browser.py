@@ -205,7 +205,10 @@ def run_at(address: str, script: str, *, width: int = 1200, dark: bool = False) 
     call("Emulation.setDeviceMetricsOverride", width=width, height=1000, deviceScaleFactor=1, mobile=False)
     scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
     call("Emulation.setEmulatedMedia", features=[scheme])
-    told = call("Runtime.evaluate", expression=RUN % script, awaitPromise=True, returnByValue=True)
+    try:
+        told = call("Runtime.evaluate", expression=RUN % script, awaitPromise=True, returnByValue=True)
+    finally:
+        call("Page.navigate", url="about:blank")  # a page that goes on asking its server would take a core
     answer = json.loads(told["result"]["value"])
     assert not (isinstance(answer, dict) and "error" in answer), answer["error"]
     return answer
