@@ -10,6 +10,7 @@ from solid import solid_noise
 from solids import Body, joined, placed, tube, turning
 
 SNOW, DUSTED, NEEDLE, BARK = 0.82, 0.45, 0.050, 0.11  # reflectances
+VIEW = (0.118, 0.075)  # half of what the lens sees, across and up, for each metre of distance
 
 
 class Tree(NamedTuple):
@@ -51,7 +52,7 @@ def bough(
                     for way in (-1, 1):
                         short = 0.42 * size * (1 - inner) * random.uniform(0.6, 1.1) + 0.02
                         small.append(_twig(twig, inner, way * 0.8, short, random))
-    wood = [tube(p[::3], np.linspace(r, 0.4 * r, len(p[::3])), around=5, tone=BARK) for p, r in lines]
+    wood = [tube(p[::3], np.linspace(r, 0.4 * r, len(p[::3])), around=4, tone=BARK) for p, r in lines]
     paths = [path for path, _ in lines]
     needles, dusted = _needles(paths + small, needle_m, step_m, random)
     return Tree(needles, dusted, joined(wood), _load(paths, long, cell_m, random))
@@ -124,32 +125,34 @@ def _load(paths: list[np.ndarray], long: float, cell: float, random: np.random.G
     return Body(points, triangles, np.zeros((len(points), 2)), np.full(len(points), SNOW))
 
 
-def whorls(
-    span: tuple[float, float], high: float, kinds: int, random: np.random.Generator
-) -> list[tuple[int, np.ndarray, np.ndarray, float]]:
-    """Which bough stands where on a tree, between two heights: its kind, place, turn (3, 3), length."""
-    made, y = [], span[0]
-    while y < min(span[1], high - 0.05):
+def tree(
+    boughs: list[Tree], high: float, foot: np.ndarray, *, turn: np.ndarray, random: np.random.Generator
+) -> list[Tree]:
+    """The boughs and the trunk of a tree, without what lies far out of the lens's view.
+
+    boughs : of length 1 m, to be turned and scaled.
+    """
+    made, y = [], 0.1 * high
+    while y < high - 0.05:
         share = 1 - y / high
         long = 0.36 * high * share**0.85 * random.uniform(0.9, 1.1)
         count, first = random.integers(5, 8), random.uniform(0, 360)
         for k in range(count):
             azimuth = first + 360 * (k + random.normal(0, 0.12)) / count
             rise = 25 - 38 * share + random.normal(0, 5)
-            turn = turning([0, 1, 0], azimuth) @ turning([0, 0, 1], rise)
-            size = long * random.uniform(0.85, 1.1)
-            made.append((int(random.integers(kinds)), np.array([0, y, 0]), turn, size))
+            way = turn @ turning([0, 1, 0], azimuth) @ turning([0, 0, 1], rise)
+            size, kind = long * random.uniform(0.85, 1.1), random.integers(len(boughs))
+            at = foot + np.array([0, y, 0])
+            if _is_seen(at + 0.5 * size * way[:, 0], 0.55 * size):
+                made.append(boughs[kind].placed(at, turn=way, scale=size))
         y += random.uniform(0.09, 0.14) * high**0.5
-    return made
-
-
-def trunk(high: float) -> Body:
     knots = np.array([[0, 0, 0], [0, high / 3, 0], [0, 2 * high / 3, 0], [0, high, 0]])
-    return tube(knots, np.linspace(0.022 * high, 0.004, 4), around=10, tone=BARK)
+    trunk = tube(knots + foot, np.linspace(0.022 * high, 0.004, 4), around=10, tone=BARK)
+    nothing = Body(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros((0, 2)), np.zeros(0))
+    return [*made, Tree(nothing, nothing, trunk, nothing)]
 
 
-def tree(boughs: list[Tree], span: tuple[float, float], high: float, random: np.random.Generator) -> Tree:
-    """A whole tree from its foot at the origin, of boughs of length 1 m."""
-    places = whorls(span, high, len(boughs), random)
-    grown = together([boughs[kind].placed(at, turn=turn, scale=size) for kind, at, turn, size in places])
-    return grown._replace(wood=joined([grown.wood, trunk(high)]))
+def _is_seen(middle: np.ndarray, radius: float) -> bool:
+    """Whether a ball is within the view of the lens at the origin, or close to it."""
+    half = -middle[2] * np.array(VIEW) + radius + 0.1
+    return bool((np.abs(middle[:2]) < half).all())

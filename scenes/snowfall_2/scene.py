@@ -23,7 +23,7 @@ SHEETS = (
 BOARDS, GAP_M = 2, 0.03
 SKY, HUT_RADIANCE, HUT_M = 1.15, 9.0, (0.9, 0.7)  # W m^-2 sr^-1
 NEAR_FIRS = ((1.02, -0.55, 3.4), (-1.35, -1.7, 4.2))  # x, z from the sign, height
-KINDS, FAR = 3, 34
+KINDS, FAR = 3, 30
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
@@ -91,7 +91,7 @@ def _signpost(params: dict[str, Any], random: np.random.Generator) -> dict[str, 
         snow = sign.cap(sign.BOARD_M[0] * 0.96, 0.062, 0.040 if k else 0.016, random)
         caps.append(placed(snow, shift + np.array([0, high / 2, -sign.THICK_M / 2]), turn=lean))
     top = BOARDS / 2 * (high + GAP_M) + 0.095
-    caps.append(placed(sign.cap(2.1 * sign.POST_M, 2.3 * sign.POST_M, 0.07, random), [0, top - 0.004, 0]))
+    caps.append(placed(sign.cap(2.1 * sign.POST_M, 2.3 * sign.POST_M, 0.045, random), [0, top - 0.004, 0]))
 
     def put(name: str, bodies: list[Body], *, smooth: bool) -> mi.Mesh:
         return mesh(name, placed(joined(bodies), at, turn=turn), matte(tones()), smooth=smooth)
@@ -116,51 +116,34 @@ def _ground(near: float, random: np.random.Generator) -> dict[str, Any]:
 
 
 def _trees(params: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
-    """Spruces close behind the sign, needle by needle; others up the slope: copies of few boughs or trees."""
+    """Spruces close behind the sign, needle by needle; others up the slope: copies of few boughs."""
     near, side = float(params["distance_m"]), float(params["hut_side"])
-    scene: dict[str, Any] = {}
-    for k in range(KINDS):
-        made = firs.bough(1.0, random, needle_m=0.021, step_m=0.0018, twig_m=0.045, cell_m=0.010)
-        scene[f"bough_{k}"] = _group(f"bough_{k}", made, 1.0)
-    trunks = []
-    for n, (x, z, high) in enumerate(NEAR_FIRS):
-        foot = np.array([side * x, -1.05, -near + z])
-        whole = turning([0, 1, 0], random.uniform(0, 360))
-        trunks.append(placed(firs.trunk(high), foot))
-        reach = 0.09 * (near - z) + 0.25  # what the lens sees at the height of the tree
-        for k, (kind, at, turn, size) in enumerate(
-            firs.whorls((1.05 - reach, 1.05 + reach), high, KINDS, random)
-        ):
-            pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = size * whole @ turn, foot + at
-            scene[f"near_{n}_{k}"] = _copy(f"bough_{kind}", pose)
-    scene["trunks"] = mesh("trunks", joined(trunks), matte(firs.BARK))
-    coarse = [
-        firs.bough(1.0, random, needle_m=0.05, step_m=0.008, twig_m=0.09, cell_m=0.02) for _ in range(2)
+    fine = [
+        firs.bough(1.0, random, needle_m=0.021, step_m=0.0022, twig_m=0.045, cell_m=0.012)
+        for _ in range(KINDS)
     ]
-    for k in range(KINDS):
-        made = firs.tree(coarse, (0.3, 9.0), 3.2, random)
-        scene[f"fir_{k}"] = _group(f"fir_{k}", made, 1.7)
-    for k in range(FAR):
+    grown = []
+    for x, z, high in NEAR_FIRS:
+        foot = np.array([side * x, -1.05, -near + z])
+        turn = turning([0, 1, 0], random.uniform(0, 360))
+        grown += firs.tree(fine, high, foot, turn=turn, random=random)
+    coarse = [
+        firs.bough(1.0, random, needle_m=0.08, step_m=0.016, twig_m=0.11, cell_m=0.035) for _ in range(KINDS)
+    ]
+    far = []
+    for _ in range(FAR):
         z = -near - 4.5 - 36 * random.uniform(0, 1) ** 1.3
         x = random.uniform(-0.15, 0.15) * -z
-        pose = np.eye(4)
-        pose[:3, :3] = float(random.uniform(0.6, 1.6)) * turning([0, 1, 0], random.uniform(0, 360))
-        pose[:3, 3] = x, float(ground.height(np.array(x), np.array(z), near)) - 0.1, z
-        scene[f"far_{k}"] = _copy(f"fir_{k % KINDS}", pose)
-    return scene
+        foot = np.array([x, float(ground.height(np.array(x), np.array(z), near)) - 0.1, z])
+        turn = turning([0, 1, 0], random.uniform(0, 360))
+        far += firs.tree(coarse, float(random.uniform(2.0, 5.0)), foot, turn=turn, random=random)
+    return _meshes("near", firs.together(grown), 1.0) | _meshes("far", firs.together(far), 1.7)
 
 
-def _copy(group: str, pose: np.ndarray) -> dict[str, Any]:
-    at = mi.ScalarTransform4f(pose.tolist())
-    return {"type": "instance", "group": {"type": "ref", "id": group}, "to_world": at}
-
-
-def _group(name: str, made: firs.Tree, veil: float) -> dict[str, Any]:
-    """What is shown in many places; ``veil``: how much paler the air makes what is dark."""
-    tones = firs.NEEDLE * veil, firs.DUSTED, firs.BARK * veil, firs.SNOW
-    parts = {
-        f"{name}_{part}": mesh(f"{name}_{part}", body, matte(tone), smooth=part == "load")
-        for part, body, tone in zip(made._fields, made, tones, strict=True)
+def _meshes(name: str, made: firs.Tree, veil: float) -> dict[str, Any]:
+    """``veil``: how much paler the air makes what is dark."""
+    reflectances = firs.NEEDLE * veil, firs.DUSTED, firs.BARK * veil, firs.SNOW
+    return {
+        f"{name}_{part}": mesh(f"{name}_{part}", body, matte(reflectance), smooth=part == "load")
+        for part, body, reflectance in zip(made._fields, made, reflectances, strict=True)
     }
-    return {"type": "shapegroup", **parts}
