@@ -151,7 +151,7 @@ def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_s
         subprocess.run(["sh", "-ec", make_bucket], check=True)
         generated = run(generate)
         assert "to upload to s3://lab/quickstart: about" in generated
-        assert "1 sequences recorded, 0 kept from before" in generated
+        assert "1 sequence recorded, 0 kept from before" in generated
         assert "1 of 1 sequence is intact" in generated
         assert "s3://lab/quickstart/test/plane-constant-00.h5" in run(evaluate)
         assert (tmp_path / "results/leaderboard.json").is_file()

@@ -410,14 +410,14 @@ def inspect_command(
 
     if has_events(stream):
         with open_events(stream) as events:
-            content, provenance = describe_events(events), describe_provenance(events)
+            path, content, provenance = str(events.path), describe_events(events), describe_provenance(events)
     else:
         with open_stream(stream) as opened:
-            content, provenance = describe_content(opened), describe_provenance(opened)
+            path, content, provenance = str(opened.path), describe_content(opened), describe_provenance(opened)
     if as_json:
         print_json(content | provenance)
         return
-    print_facts(content, title=str(stream))
+    print_facts(content, title=path)
     out.print()
     print_facts(provenance, title="how it was made")
 

@@ -136,8 +136,6 @@ def open_dataset(file: h5py.File, name: str, *, where: str, bulk: bool = False) 
 
     ``bulk`` allows any size, for what is read in pieces.
     """
-    if name not in file:
-        raise BadInput(f"has no /{name}", where=where, hint="write or copy the file again")
     _check_link(file, name, where=where)
     # A stream has two dozen datasets, and these checks take most of the time to open it: h5py's high-level interface
     # would take twice as long.

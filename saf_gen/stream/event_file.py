@@ -207,6 +207,9 @@ class EventFile:
             )
         if (layout := read_attribute(self._file, "layout")) != LAYOUT:
             raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(LAYOUT))
+        for name in (*(f"events/{column}" for column in COLUMNS), "ms_to_idx", "t_offset"):
+            if name not in self._file:
+                raise BadInput(f"has no /{name}", where=where, hint="record it again, or copy it again")
         numbers = [read_attribute(self._file, name) for name in ("frames", "rows", "columns", "readout_hz")]
         if not all(isinstance(n, np.integer | np.floating) and n > 0 for n in numbers):
             raise BadInput("it does not say its size", where=where, hint="make it again")

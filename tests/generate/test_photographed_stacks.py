@@ -109,7 +109,7 @@ def test_a_recipe_of_stacks_needs_no_renderer(made, tmp_path):
         f"sys.argv = ['saf-gen', 'generate', {str(made())!r}, '--out', {str(tmp_path / 'out')!r}, *sys.argv[1:]]\n"
         "main()"
     )
-    for option, said in ((["--dry-run"], "dots"), ([], "1 sequences recorded")):
+    for option, said in ((["--dry-run"], "dots"), ([], "1 sequence recorded")):
         ran = subprocess.run([sys.executable, "-c", code, *option], capture_output=True, text=True, check=True)
         assert said in ran.stdout
         assert "9 pictures, 0.5 µm apart" in ran.stderr

@@ -415,7 +415,7 @@ def test_what_a_lost_or_damaged_shard_lacks_is_named_and_made(recipe, made, movi
     code, out, err = call("dataset", "merge", recipe, *apart, "--out", apart[0], "--variant", VARIANT)
     assert code == 0, err
     assert "these stacks lack pictures, which are rendered here: plane, dynamic" in err
-    assert "1 pieces of focal stacks rendered" in out
+    assert "1 piece of focal stacks rendered" in out
     assert everything_in(apart[0]) == everything_in(made)
 
 

@@ -133,9 +133,14 @@ def test_a_library_module_never_changes():
     assert digests == {
         "broad_pen_1": "002625c8ef6c69b9839516cd2d8c59232dffea20045792f7cc0221b6135febe4",
         "clay_1": "d02546064af298cad51a200c3f03aa31a003e7daff7ad30a9991594fb50d0816",
+        "fibres_1": "6a19bc69434e2161db7a51cad62cdbdfe7813f46f110d819b0f26c406b42a0b6",
+        "knit_1": "27d5c4fd0d702a46bc68f8646fc3b0fd25c7ad4d2e2f78792b52c1ae08c130a7",
+        "living_room_1": "7327446440f305a4f518312180a05d2d3a42cf25c7bd495e7e4ebae043a3cb21",
+        "rasters_1": "e22696d8b523691253b6a0ab1c5acd944ad3443ae3ab6c0db6e85171c954eedf",
         "solid_noise_1": "7098777983d09b0ebcbbf134c2d37c717bc748524b4951ec199a34ab884178f1",
         "solids_1": "7077d487b6e06923aa12437739d43ba221454ea19746bb2ca56c8c202af089e8",
         "stroke_font_1": "31997152c1cbfc150d52a7ec45d9713f8d0fef26497460451b6f1a0ef56bd100",
+        "subdivision_1": "c30d647a256d2631b4737e5144bbc72bc6a3b26fdb67989bd588fcc88517326f",
         "surfaces_1": "ef11ff83e375fdad11fef327f35f0b1450a9edbc4b52040d630bd13ff3e64319",
         "typeface_1": "409f6e8b2d16ccb76c66175094e3d797ccc8b7244f469ab327894e523034122f",
     }
