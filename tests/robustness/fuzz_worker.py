@@ -81,7 +81,7 @@ def find_faults(code: int, out: str, err: str) -> list[str]:
         faults.append(f"exit code {code}")
     if code == 2 and (len(lines) != 1 or not lines[0].startswith("saf-gen:")):
         faults.append(f"{len(lines)} lines of an error")
-    if code == 1 and not all(line.startswith(("saf-gen:", "warning:")) for line in lines):
+    if code == 1 and not all(line.startswith(("saf-gen:", "warning:", "evaluate ")) for line in lines):
         faults.append("other lines than errors")
     if re.search(r"\wWarning\b", err) or "Traceback" in err:  # "Warning: " alone is ours
         faults.append("a warning of Python")
