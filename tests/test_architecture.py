@@ -22,7 +22,13 @@ IMPORTERS = {
     "OpenEXR": ["core.exr"],
     "fsspec": ["core.object_store"],
     "s3fs": [],
-    "h5py": ["stream.checked_file", "stream.stream_file", "stream.stream_writer", "stream.interop.array_files"],
+    "h5py": [
+        "stream.checked_file",
+        "stream.event_file",
+        "stream.stream_file",
+        "stream.stream_writer",
+        "stream.interop.array_files",
+    ],
     "typer": ["cli"],
     "rich": ["cli"],
     "matplotlib": [

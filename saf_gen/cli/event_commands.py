@@ -52,7 +52,7 @@ def events_command(
                     if intact_digest(path, events_fingerprint(stream, camera)) is not None:
                         kept += 1
                         continue
-                    count, digest = record_events(stream, dataset / "stacks", camera, path=path)
+                    count, digest = record_events(stream, dataset / "stacks", sensor=camera, path=path)
             except BadInput as error:
                 print_error(f"{entry.id}: {error}", 1)
                 failed += 1

@@ -37,7 +37,7 @@ def events_fingerprint(stream: SpikeStream, sensor: EventSensor) -> str:
 
 
 def record_events(
-    stream: SpikeStream, stacks: Path, sensor: EventSensor, *, path: Path, threads: int | None = None
+    stream: SpikeStream, stacks: Path, *, sensor: EventSensor, path: Path, threads: int | None = None
 ) -> tuple[int, str]:
     """Record a sequence with an event camera into the event file ``path``; return the events and the content_sha256.
 

@@ -149,7 +149,7 @@ class EventCamera:
             jobs = [pool.submit(self._record_pixels, flat, course, first=a, stop=b) for a, b in pairwise(cuts)]
             parts = [part for job in jobs for part in job.result()]
         when, pixel, rises = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        return self._read(when, pixel, rises)
+        return self._read(when, pixel, rises=rises)
 
     def _record_pixels(
         self, flat: np.ndarray, course: LightCourse, *, first: int, stop: int
@@ -173,7 +173,7 @@ class EventCamera:
                 return parts
             room = max(ROOM, lacking)
 
-    def _read(self, when: np.ndarray, pixel: np.ndarray, rises: np.ndarray) -> Events:
+    def _read(self, when: np.ndarray, pixel: np.ndarray, *, rises: np.ndarray) -> Events:
         """Return the events in the order of their instants, and of pixels at one instant, as the chip reads them.
 
         An event is read when it happens, or when the one before it has been read if that is later.

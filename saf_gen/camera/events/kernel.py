@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-unchecked = njit(nogil=True, cache=True, error_model="numpy")
-"""Compile without checks of divisors, none of which is 0, because the checks keep loops from being vectorised."""
+from saf_gen.core.compiled import compiled_unchecked
 
 U = np.uint64
 INVERSE_LOG_2, LOG_2_HIGH, LOG_2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10
@@ -70,7 +69,7 @@ def _slope(t: Any, w: Any, slope: Any, rest: Any, tau: Any) -> Any:
     return -slope / (light * light)
 
 
-@unchecked
+@compiled_unchecked
 def _turn(begin: Any, end: Any, w: Any, slope: Any, rest: Any, tau: Any) -> Any:
     """Return when u turns between two times at which its slopes differ in sign, by bisection to 0.1 ns."""
     rises = _slope(begin, w, slope, rest, tau) > 0.0
@@ -83,7 +82,7 @@ def _turn(begin: Any, end: Any, w: Any, slope: Any, rest: Any, tau: Any) -> Any:
     return 0.5 * (begin + end)
 
 
-@unchecked
+@compiled_unchecked
 def _crossing(
     begin: Any, end: Any, w: Any, slope: Any, rest: Any, tau: Any, bound: Any, drift: Any, side: Any
 ) -> Any:  # fmt: skip
@@ -121,7 +120,7 @@ def _add_light(
             light[i] += gain[g] * (a + fraction * (b - a))
 
 
-@unchecked
+@compiled_unchecked
 def _fire(
     start: Any, span: Any, u: Any, after: Any, w: Any, slope: Any, rest: Any, tau: Any, stored: Any, on: Any, off: Any,
     drift: Any, dead: Any, patience: Any, hazard: Any, refractory_s: Any, drawn: Any, pixel_key: Any, waits: Any,
@@ -183,7 +182,7 @@ def _fire(
     return stored, dead, patience, drawn, written
 
 
-@unchecked
+@compiled_unchecked
 def record_pixels(
     first: Any, stop: Any, stack: Any, seconds: Any, index: Any, fraction: Any, gain: Any, dark: Any, receptor_e: Any,
     receptor_s: Any, refractory_s: Any, shot_hz: Any, shot_half: Any, constants: Any, state: Any, draws: Any, key: Any,
