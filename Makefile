@@ -63,8 +63,10 @@ $(ENCODER): $(STAMP) $(wildcard saf_gen/camera/*.py) | compiled-tests
 checked: install
 	@$(MAKE) --no-print-directory -j2 compiled-tests $(KERNELS) $(ENCODER)
 
+# A test that hangs says where and fails, and the others go on.
 test: checked $(BROWSER)
-	$(BIN)/pytest -m 'not gpu and not long' -rs --durations=10
+	$(BIN)/pytest -m 'not gpu and not long' -rs --durations=10 -o faulthandler_timeout=900 \
+	  -o faulthandler_exit_on_timeout=true
 
 test-fast: checked
 	$(BIN)/pytest

@@ -35,15 +35,26 @@ _REFERENCE_BYTES = 16
 """Bytes that a dataset holds for each text of variable length: four for its length, the others for its location."""
 
 
-def read_attribute(item: h5py.File | h5py.Dataset, name: str) -> Any:
-    """Return an attribute that is a number or text; None if it is missing, an array, too long, or of another type."""
+def read_attribute(item: h5py.File | h5py.Dataset, name: str, *, number: bool = False) -> Any:
+    """Return an attribute that is a number or text; None if it is missing, an array, too long, or of another type.
+
+    ``number`` allows no text. HDF5 may look for a text for ever in a file made to harm, so that no text is read before
+    :func:`read_small_datasets` has checked where texts are stored.
+    """
     if not h5py.h5a.exists(item.id, name.encode()):
         return None
     kind = h5py.h5a.open(item.id, name.encode())
     if kind.shape != () or (kind.dtype.kind not in "iufO" and kind.dtype.itemsize > 1024):
         return None
+    if number and kind.dtype.kind not in "iuf":
+        return None
     value = item.attrs[name]
     return value if isinstance(value, str | np.integer | np.floating) else None
+
+
+def holds(file: h5py.File, name: str) -> bool:
+    """Return whether a file has something of this name at its top, which may be a link, without following it."""
+    return bool(file.id.links.exists(name.encode()))
 
 
 def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:

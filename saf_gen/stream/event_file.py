@@ -21,7 +21,7 @@ import numpy as np
 
 from saf_gen.core.files import atomic_file, refuse_link
 from saf_gen.errors import BadInput
-from saf_gen.stream.checked_file import open_dataset, read_attribute, read_small_datasets
+from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
 from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
 
 FORMAT, LAYOUT = "saf-gen events", 1
@@ -149,12 +149,12 @@ def _report_damage(path: Path) -> Iterator[None]:
 
 
 def has_events(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file on a disk says that it is an event file, of any version."""
+    """Return whether a file on a disk is HDF5 that holds events, ours or others'."""
     if not (Path(path).is_file() and h5py.is_hdf5(path)):
         return False
     try:
         with h5py.File(path, "r") as file:
-            return bool(read_attribute(file, "format") == FORMAT)
+            return holds(file, "events")
     except OSError:
         return False
 
@@ -201,16 +201,23 @@ class EventFile:
             self._file = h5py.File(path, "r")
         except OSError as error:
             raise BadInput(f"cannot be read as HDF5: {error}", where=where, allowed="an event file (.h5)") from error
-        if (found := read_attribute(self._file, "format")) != FORMAT:
+        if not holds(self._file, "events") or "format" not in self._file.attrs:
             raise BadInput(
-                f"its format is {found!r}", where=where, allowed=FORMAT, hint="saf-gen inspect says what it is"
-            )
-        if (layout := read_attribute(self._file, "layout")) != LAYOUT:
+                "is HDF5, but not an event file", where=where, allowed=f"attribute format = {FORMAT!r}",
+                hint="record one with saf-gen events",
+            )  # fmt: skip
+        if (layout := read_attribute(self._file, "layout", number=True)) != LAYOUT:
             raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(LAYOUT))
+        # All texts are checked before any is read.
+        self._small = dict(read_small_datasets(self._file, where, bulk=("events", "ms_to_idx", "t_offset")))
+        if (found := read_attribute(self._file, "format")) != FORMAT:
+            raise BadInput(f"its format is {found!r}", where=where, allowed=FORMAT)
         for name in (*(f"events/{column}" for column in COLUMNS), "ms_to_idx", "t_offset"):
             if name not in self._file:
                 raise BadInput(f"has no /{name}", where=where, hint="record it again, or copy it again")
-        numbers = [read_attribute(self._file, name) for name in ("frames", "rows", "columns", "readout_hz")]
+        numbers = [
+            read_attribute(self._file, name, number=True) for name in ("frames", "rows", "columns", "readout_hz")
+        ]
         if not all(isinstance(n, np.integer | np.floating) and n > 0 for n in numbers):
             raise BadInput("it does not say its size", where=where, hint="make it again")
         frames, rows, columns, self.readout_hz = (*map(int, numbers[:3]), float(numbers[3]))
@@ -225,7 +232,6 @@ class EventFile:
         if (offset := open_dataset(self._file, "t_offset", where=where)[()]) != 0:
             raise BadInput(f"/t_offset is {offset}", where=where, allowed="0")
         self._index = open_dataset(self._file, "ms_to_idx", where=where, bulk=True)[:]
-        self._small = dict(read_small_datasets(self._file, where, bulk=("events", "ms_to_idx", "t_offset")))
         self.metadata = metadata_from_datasets(self._small, self.shape)
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names

@@ -29,9 +29,8 @@ from saf_gen.core.plain_text import plural
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
-from saf_gen.stream.checked_file import open_spikes, read_attribute, read_small_datasets
+from saf_gen.stream.checked_file import holds, open_spikes, read_attribute, read_small_datasets
 from saf_gen.stream.count_cache import count_windows
-from saf_gen.stream.event_file import FORMAT as EVENTS_FORMAT
 from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.metadata import FORMAT, LAYOUT, metadata_from_datasets, stream_digests
 from saf_gen.stream.pixel_mask import Filling, PixelMask
@@ -175,12 +174,12 @@ class SpikeStream:
         foreign = BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
         if "format" not in file.attrs:
             raise foreign
-        if read_attribute(file, "format") == EVENTS_FORMAT:
+        if holds(file, "events"):
             raise BadInput(
                 "holds events, not spikes", where=where, allowed=f"attribute format = {FORMAT!r}",
                 hint="saf-gen inspect describes it, and saf_gen.open_events reads it",
             )  # fmt: skip
-        if (layout := read_attribute(file, "layout")) != LAYOUT:
+        if (layout := read_attribute(file, "layout", number=True)) != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
         small = dict(read_small_datasets(file, where, reader=reader))  # checks all texts before any is read
         if read_attribute(file, "format") != FORMAT:

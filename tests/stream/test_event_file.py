@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 from refusals import refusal
+from text_heap import break_text_heap
 
 import saf_gen
 from saf_gen.errors import BadInput
@@ -148,6 +149,25 @@ def test_other_files_are_refused_by_name(path, tmp_path):
     assert [has_events(tmp_path / name) for name in ("events.h5", "stream.h5", "text.h5", "missing.h5")] == [
         True, False, False, False
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("length", [0, 2**63])
+def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(tmp_path, length):
+    path = tmp_path / "events.h5"
+    write(path, some_events(), recipe="name: x")
+    break_text_heap(path, length)
+    assert has_events(path)
+    assert "its text is stored in broken pieces" in str(refusal(saf_gen.open_events, path))
+    assert "holds events" in str(refusal(saf_gen.open_stream, path))
+
+
+def test_events_of_others_are_refused_by_what_they_lack(tmp_path):
+    """DSEC's own files have these columns, and neither a size nor a truth."""
+    with h5py.File(tmp_path / "dsec.h5", "w") as file:
+        for name, column in some_events()._asdict().items():
+            file[f"events/{name}"] = column
+    assert "not an event file" in str(refusal(saf_gen.open_events, tmp_path / "dsec.h5"))
+    assert "not a saf-gen stream" in str(refusal(saf_gen.open_stream, tmp_path / "dsec.h5"))
 
 
 @pytest.mark.parametrize(("first", "stop"), [(0.1, 0.1), (-0.1, 0.1), (0.1, 0.3), (0.2, 0.1)])

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from refusals import refusal
+from text_heap import break_text_heap
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
@@ -139,15 +140,16 @@ def test_text_that_claims_to_be_endless_is_refused_before_it_is_read(untrusted):
 
 @pytest.mark.parametrize("length", [0, 2**63])
 def test_text_whose_pieces_have_no_end_is_refused_before_hdf5_looks_for_it(untrusted, length):
-    content = bytearray(untrusted.read_bytes())
-    heap = content.index(b"GCOL")
-    at, end = heap + 16, heap + int.from_bytes(content[heap + 8 : heap + 16], "little")
-    while int.from_bytes(content[at : at + 2], "little"):  # 0 marks the free space
-        at += 16 + -(-int.from_bytes(content[at + 8 : at + 16], "little") // 8) * 8
-    assert at < end
-    content[at + 8 : at + 16] = length.to_bytes(8, "little")
-    untrusted.write_bytes(content)
+    break_text_heap(untrusted, length)
     with pytest.raises(BadInput, match="its text is stored in broken pieces; make the file again"):
+        open_stream(untrusted)
+
+
+def test_no_text_is_read_before_all_are_checked(untrusted):
+    with h5py.File(untrusted, "r+") as file:
+        file.attrs["layout"] = "text where a number belongs"
+    break_text_heap(untrusted, 0)
+    with pytest.raises(BadInput, match="has layout None"):
         open_stream(untrusted)
 
 
