@@ -34,7 +34,8 @@ def written_files():
     for name in WRITTEN:
         top = ROOT / name
         for path in [top] if top.is_file() else sorted(top.rglob("*")):
-            if path.is_file() and path.suffix in TEXTS and "__pycache__" not in path.parts:
+            cached = any(part.startswith((".", "__pycache__")) for part in path.relative_to(ROOT).parts)
+            if path.is_file() and path.suffix in TEXTS and not cached:
                 yield path
 
 

@@ -126,7 +126,7 @@ def test_intact_sequences_are_evaluated_and_the_others_are_named(desk, at_desk):
         "evaluate", "data", "--method", "sd+argmax", "--method", "er_sumsq+sgfs_code", "--out", "judged"
     )
     assert code == 1
-    assert len(err.splitlines()) == len(ATTACKS)
+    assert sum("could not be evaluated: " in line for line in err.splitlines()) == len(ATTACKS)
     assert len(read_records(desk / "judged")) == 2 * len(INTACT)
     for path in (desk / "judged").rglob("*"):
         if path.is_file():
