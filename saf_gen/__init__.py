@@ -7,7 +7,7 @@ Functions
 open_stream, write_stream
     Read or write a spike stream with its truth (HDF5).
 open_events
-    Read the events that ``saf-gen events`` recorded of a sequence.
+    Read the events that ``saf-gen recapture`` recorded of a sequence.
 SpikeWindows
     Windows of a dataset for training a network, read quickly in any order.
 get_sensor, encode

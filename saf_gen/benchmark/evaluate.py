@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.benchmark.admission import admit_measure, describe_undeclared
+from saf_gen.benchmark.counting_laws import leave_to_spikes
 from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -134,14 +135,15 @@ def evaluate(
     ------
     BadInput
         If a split, scene motion, region or method is unknown; if no split is given for a dataset with several splits,
-        none of them called ``test``; if a method commands the lens and there is no protocol;
-        if predictions do not fit the sequences, which is checked before anything runs, or come with a protocol; if a
-        dataset in an object store is evaluated with a protocol or a cluster; if a single stream cannot be read; if the
-        protocol suits no sequence; or if a worker cannot be used.
+        none of them called ``test``; if a measure assumes another camera's noise;
+        if a method commands the lens and there is no protocol; if predictions do not fit the sequences, which is
+        checked before anything runs, or come with a protocol; if a dataset in an object store is evaluated with a
+        protocol or a cluster; if a single stream cannot be read; if the protocol suits no sequence; or if a worker
+        cannot be used.
     SafGenError
         If the scheduler of the cluster is lost.
     """
-    path = find_path(source)
+    path, asked = find_path(source), methods is not None
     if methods is None and predictions is not None:
         methods = ()
     elif methods is None:
@@ -154,10 +156,11 @@ def evaluate(
     chosen = parse_methods(methods, limits)
     if protocol is None:
         check_leaves_lens(list(chosen.values()))
-    groups = by_region(chosen, region)
-    count = max(1, sum(len(group) for group in groups.values()))  # predictions alone are one step, too
     selection = select_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
     tasks = selection.tasks
+    chosen = leave_to_spikes(chosen, tasks, asked=asked, tell=tell)
+    groups = by_region(chosen, region)
+    count = max(1, sum(len(group) for group in groups.values()))  # predictions alone are one step, too
     prediction_set = None
     if predictions is not None:
         if protocol is not None:

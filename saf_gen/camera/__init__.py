@@ -1,14 +1,16 @@
-"""The spike camera: sensors, the charge that they collect from light, and the spikes that they fire."""
+"""Cameras: sensors, the charge that they collect from light, and what they read out."""
 
+from saf_gen.camera.bit_cameras import BitSensor, parse_sensor, start_camera
 from saf_gen.camera.course import LightCourse
 from saf_gen.camera.encoder import Encoder, encode, knot_weights
 from saf_gen.camera.encoder_kernel import LANES
 from saf_gen.camera.exposure import charge_of_images, electrons_per_irradiance, exposure_scale
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
-from saf_gen.camera.sensor import Sensor, get_sensor, parse_sensor, sensor_names
+from saf_gen.camera.sensor import Sensor, get_sensor, sensor_names
 
 __all__ = [
     "LANES",
+    "BitSensor",
     "Encoder",
     "LightCourse",
     "Sensor",
@@ -21,4 +23,5 @@ __all__ = [
     "knot_weights",
     "parse_sensor",
     "sensor_names",
+    "start_camera",
 ]

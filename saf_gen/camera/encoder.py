@@ -191,26 +191,11 @@ class Encoder:
             If shapes or dtypes do not match, a value is out of range, or the previous call did not record a multiple of
             8 readouts.
         """
-        if self._frames % 8:
-            raise BadInput(
-                f"the previous block ended at readout {self._frames}",
-                allowed="blocks of a multiple of 8 readouts, except the last",
-            )
-        stack = np.asarray(stack)
-        if stack.dtype != np.float32 or stack.ndim != 4 or stack.shape[2:] != self.shape or 0 in stack.shape:
-            raise BadInput(
-                f"the stack is {stack.dtype} of shape {stack.shape}",
-                allowed=f"float32 (light, focus, {self.shape[0]}, {self.shape[1]})",
-            )
-        groups, knots = stack.shape[:2]
-        index, fraction, gain = _checked_schedule(index, fraction, gain=gain, groups=groups, knots=knots)
-        used = stack[:, index.min() : index.max() + 2]
-        if not (used.min() >= 0 and used.max() < np.inf):  # also false for NaN
-            raise BadInput("the charge is negative or not finite", allowed="electrons per readout, at least 0")
+        stack, index, low, high = check_schedule(
+            stack, index=index, fraction=fraction, gain=gain, shape=self.shape, done=self._frames
+        )
         frames, size = index.size, self._response.size
-        high = (gain * fraction[:, None]).astype(np.float32)
-        low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
-        flat = np.ascontiguousarray(stack).reshape(groups, knots, size)
+        flat = np.ascontiguousarray(stack).reshape(*stack.shape[:2], size)
         out = np.empty((size, -(-frames // 8)), np.uint8)
         weight = np.float32(1.0 - self.sensor.post_spike_loss)
         jitter = np.float32(self.sensor.reset_jitter * self.sensor.noise.reset_jitter) or None
@@ -251,7 +236,34 @@ def _row_lead(sensor: Sensor, shape: tuple[int, int]) -> np.ndarray | None:
     return np.repeat(lead.astype(np.float32), shape[1])
 
 
-def _checked_schedule(
+def check_schedule(
+    stack: np.ndarray, *, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray, shape: tuple[int, int], done: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a camera is given as its kernel takes it: the stack, the knots, and the weights of both knots.
+
+    Raises BadInput as :meth:`Encoder.encode` does; ``done`` are the readouts before.
+    """
+    if done % 8:
+        raise BadInput(
+            f"the previous block ended at readout {done}", allowed="blocks of a multiple of 8 readouts, except the last"
+        )
+    stack = np.asarray(stack)
+    if stack.dtype != np.float32 or stack.ndim != 4 or stack.shape[2:] != shape or 0 in stack.shape:
+        raise BadInput(
+            f"the stack is {stack.dtype} of shape {stack.shape}",
+            allowed=f"float32 (light, focus, {shape[0]}, {shape[1]})",
+        )
+    groups, knots = stack.shape[:2]
+    index, fraction, gain = _checked_course(index, fraction, gain=gain, groups=groups, knots=knots)
+    used = stack[:, index.min() : index.max() + 2]
+    if not (used.min() >= 0 and used.max() < np.inf):  # also false for NaN
+        raise BadInput("the charge is negative or not finite", allowed="electrons per readout, at least 0")
+    high = (gain * fraction[:, None]).astype(np.float32)
+    low = (gain * (1.0 - fraction)[:, None]).astype(np.float32)
+    return stack, index, low, high
+
+
+def _checked_course(
     index: np.ndarray, fraction: np.ndarray, *, gain: np.ndarray, groups: int, knots: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     index = np.ascontiguousarray(index, dtype=np.int64)

@@ -103,7 +103,7 @@ def _read(
 
 
 @njit(inline="always")
-def _store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> Any:
+def store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> Any:
     """Store eight consecutive bytes of each pixel in a form that the compiler merges into one store."""
     for i in range(width):
         word = U(tile[i])
@@ -236,7 +236,7 @@ def advance_pixels(
             for i in range(L):
                 tile[row * L + i] = np.uint8(byte[i])
             if row == U(7):
-                _store_eight(out, start, width, group - row, tile)
+                store_eight(out, start, width, group - row, tile)
             elif group + ONE == groups_of_eight:
                 for i in range(width):
                     for j in range(row + ONE):

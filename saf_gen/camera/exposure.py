@@ -40,6 +40,35 @@ class ExposingLens(Protocol):
         ...
 
 
+class Pixels(Protocol):
+    """The numbers of a sensor's pixels on which its charge depends; see :class:`saf_gen.camera.Sensor`."""
+
+    @property
+    def pitch_m(self) -> float:
+        """Pitch of the pixels, metres."""
+        ...
+
+    @property
+    def fill_factor(self) -> float:
+        """Light-sensitive fraction of the area of a pixel."""
+        ...
+
+    @property
+    def readout_hz(self) -> float:
+        """Readouts per second."""
+        ...
+
+    @property
+    def quantum_efficiency(self) -> float:
+        """Electrons, or detections, per photon that reaches the light-sensitive area."""
+        ...
+
+    @property
+    def wavelength_m(self) -> float:
+        """The single wavelength at which light is converted, metres."""
+        ...
+
+
 def irradiance_ratio(
     shape: tuple[int, int],
     image_distance: np.ndarray,
@@ -79,20 +108,20 @@ def irradiance_ratio(
     return transmission * pi * aperture_radius_m**2 / v2 * cos2 * cos2
 
 
-def electrons_per_irradiance(sensor: Sensor) -> float:
+def electrons_per_irradiance(sensor: Pixels) -> float:
     """Return the photo-electrons per readout and pixel for an irradiance of 1 W m⁻²."""
     energy = sensor.pitch_m**2 * sensor.fill_factor / sensor.readout_hz
     return energy * sensor.quantum_efficiency * sensor.wavelength_m / (h * c)
 
 
-def charge_of_images(radiance: np.ndarray, sensor: Sensor, *, lens: ExposingLens, position: np.ndarray) -> np.ndarray:
+def charge_of_images(radiance: np.ndarray, sensor: Pixels, *, lens: ExposingLens, position: np.ndarray) -> np.ndarray:
     """Return the charge that each image of a focal stack gives on a sensor, in photo-electrons per readout.
 
     Parameters
     ----------
     radiance : ndarray, shape (light, focus, row, col)
         Radiance at gain 1, W m⁻² sr⁻¹.
-    sensor : Sensor
+    sensor : Sensor or SpadSensor
         The sensor.
     lens : ExposingLens
         The lens, such as any :class:`saf_gen.optics.Drive`.

@@ -7,6 +7,7 @@ dark charge. The calibration map of a real chip shows these parts: docs/explanat
 
 from dataclasses import dataclass
 from math import exp, log, sqrt
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -54,7 +55,7 @@ def draw_fixed_pattern(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> 
     seed : int
         Seed that identifies the device.
     """
-    dark = _draw_relative_dark(sensor, shape, seed=seed)
+    dark = draw_relative_dark(sensor, shape, seed=seed)
     response = _draw_response(sensor, dark, seed=seed) if sensor.noise.response else np.ones(shape)
     dead = _draw_dead(sensor, shape, seed=seed)
     response = np.where(dead, 0.0, response * _draw_dust_transmission(sensor, shape, seed=seed))
@@ -127,7 +128,31 @@ def _draw_dead(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarr
     return make_generator("device", seed, "dead").random(shape) < sensor.dead_fraction * sensor.noise.dead
 
 
-def _draw_relative_dark(sensor: Sensor, shape: tuple[int, int], *, seed: int) -> np.ndarray:
+class DarkPixels(Protocol):
+    """The numbers of a sensor by which the dark charge of its pixels differs; see :class:`saf_gen.camera.Sensor`."""
+
+    @property
+    def dark_log_sd(self) -> float:
+        """Standard deviation of the natural logarithm."""
+        ...
+
+    @property
+    def dark_hot_fraction(self) -> float:
+        """Fraction of the pixels that are hot."""
+        ...
+
+    @property
+    def dark_hot_factor(self) -> float:
+        """Multiple of the median above which a pixel is hot."""
+        ...
+
+    @property
+    def dark_hot_exponent(self) -> float:
+        """Exponent of the Pareto law of hot pixels."""
+        ...
+
+
+def draw_relative_dark(sensor: DarkPixels, shape: tuple[int, int], *, seed: int) -> np.ndarray:
     """Return dark charge divided by its expected value: log-normal, with a Pareto law for pixels above the hot level.
 
     The scale is the expected value and not the mean of this array, because the mean varies between devices.

@@ -10,10 +10,8 @@ import numpy as np
 from pydantic import ConfigDict, PlainValidator
 from pydantic.dataclasses import dataclass
 
-from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields, checked
 from saf_gen.core.config.ranges import is_number
-from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.core.spectrum import NM, shipped_curve
 from saf_gen.errors import BadInput
 
@@ -87,7 +85,7 @@ SpectralCurve = str | tuple[tuple[float, float], ...]
 """A curve over the wavelength: the name of a shipped one, or pairs of a wavelength (nm) and a fraction."""
 
 
-def _curve(names: tuple[str, ...]) -> PlainValidator:
+def spectral_curve(names: tuple[str, ...]) -> PlainValidator:
     """Return a pydantic validator of a :data:`SpectralCurve` that may have one of these names."""
 
     def fits(value: Any) -> bool:
@@ -242,8 +240,8 @@ class Sensor:
     dark_doubling_k: Annotated[float, between(1, 100, unit="kelvins")] = 8.0
     dark_temperature_c: Celsius = 25.0
     temperature_c: Celsius = 25.0
-    spectral_qe: Annotated[SpectralCurve, _curve(CURVES["spectral_qe"])] = "silicon"
-    filter: Annotated[SpectralCurve, _curve(CURVES["filter"])] = "none"
+    spectral_qe: Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])] = "silicon"
+    filter: Annotated[SpectralCurve, spectral_curve(CURVES["filter"])] = "none"
 
     def __post_init__(self) -> None:
         if self.noise.shot and self.threshold_e < 25:
@@ -279,7 +277,7 @@ class Sensor:
         BadInput
             If the sensor does not see light of ``wavelength_m``, or would count more than one electron per photon.
         """
-        return _spectral_response(
+        return spectral_response(
             self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
         )
 
@@ -317,9 +315,10 @@ class Sensor:
 
 
 @lru_cache(maxsize=64)
-def _spectral_response(
+def spectral_response(
     spectral_qe: SpectralCurve, transmission: SpectralCurve, *, wavelength_m: float, quantum_efficiency: float
 ) -> np.ndarray:
+    """Return :meth:`Sensor.spectral_response` of a sensor with these fields."""
     nm = wavelength_m * 1e9
     shape = shipped_curve("silicon", "efficiency") if isinstance(spectral_qe, str) else _interpolated(spectral_qe)
     at_nominal = float(np.interp(nm, NM, shape, left=0.0, right=0.0))
@@ -378,21 +377,3 @@ def get_sensor(name: str | Path, **changes: Any) -> Sensor:
     400
     """
     return PRESETS.get(name, changes)
-
-
-def parse_sensor(text: str, where: str | Path) -> Sensor:
-    """Return the sensor that the text of a sensor file describes; every stream file contains one.
-
-    Parameters
-    ----------
-    text : str
-        The YAML text.
-    where : str or Path
-        Name of the text in error messages.
-
-    Raises
-    ------
-    BadInput
-        If the text does not describe a valid sensor.
-    """
-    return validate_document(Sensor, parse_yaml(text, where))

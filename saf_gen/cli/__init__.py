@@ -25,12 +25,12 @@ import saf_gen
 from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
-    event_commands,
     leaderboard_commands,
     lens_commands,
     live_commands,
     machine_commands,
     method_commands,
+    recapture_command,
     recipe_commands,
     scene_commands,
     sensor_commands,
@@ -56,7 +56,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "encode": stream_commands.encode_command,
     "export": stream_commands.export_command,
     "cut": stream_commands.cut_command,
-    "events": event_commands.events_command,
+    "recapture": recapture_command.recapture_command,
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
     "live": live_commands.live_command,
@@ -128,7 +128,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "events", "live"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "recapture", "live"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(

@@ -41,7 +41,10 @@ EXAMPLES = {
         "cut recording.h5 --from 2000 --to 12000 --out part.h5",
         "cut recording.h5 --rows 50:200 --columns :300 --out part.h5",
     ),
-    "events": ("events datasets/quickstart", "events datasets/quickstart --sensor evk4 --split test --out elsewhere"),
+    "recapture": (
+        "recapture datasets/quickstart --sensor davis346",
+        "recapture datasets/quickstart --sensor swissspad3 --split test --out elsewhere",
+    ),
     "inspect": ("inspect recording.h5", "inspect recording.h5 --json"),
     "view": (
         "view recording.h5 --out sweep.png --measure sd",

@@ -23,7 +23,6 @@ from saf_gen.benchmark.view.running_camera import (
     SpikePlanes,
     rows_in_view,
 )
-from saf_gen.camera import Encoder
 from saf_gen.core import bits
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.core.seeds import derive_seed
@@ -176,7 +175,7 @@ class LiveCamera:
                 self._sources[name] = capture.open_charge_source(rows)
             if self._starts:
                 capture = replace(capture, seed=derive_seed(capture.seed, "live", self._starts))
-            self._encoder: Encoder = capture.create_encoder(rows, threads=self._threads)
+            self._encoder = capture.create_encoder(rows, threads=self._threads)
             self._inside = slice(box[0].start - rows.start, box[0].stop - rows.start), box[1]
             self._region, self._box, self._charge = name, box, self._sources[name]
             self._starts, self._window = self._starts + 1, None

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS
-from saf_gen.camera.exposure import firing_rate
+from saf_gen.camera.bit_cameras import mean_rate
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.live.camera import MAX_READ_FRAMES, REGIONS, LiveCamera
@@ -70,7 +70,7 @@ class LiveRoom:
         self._said = ""
         truth, sensor = camera.true_focus, camera.capture.sensor
         in_focus = camera.nominal_charge(truth if np.isfinite(truth) else 0.5)
-        self._white = white_level(firing_rate(in_focus, sensor))
+        self._white = white_level(mean_rate(in_focus, sensor))
         """Spikes per readout that are shown as white: of the brightest pixels, in focus, with all lamps at gain 1."""
 
     def picture(self, asked: Mapping[str, Any]) -> bytes:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.camera import LANES, Encoder, Sensor, parse_sensor
+from saf_gen.camera import LANES, BitSensor, Encoder, parse_sensor, start_camera
+from saf_gen.camera.spad import SpadCamera
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
@@ -33,7 +34,7 @@ class Capture:
     ----------
     plane_source : PlaneSource
         Focal stacks of the recording.
-    sensor : Sensor
+    sensor : Sensor or SpadSensor
         Sensor of the camera.
     gain : ndarray of float32, shape (T, G)
         Gain of each light group at each readout.
@@ -57,7 +58,7 @@ class Capture:
     """
 
     plane_source: PlaneSource
-    sensor: Sensor
+    sensor: BitSensor
     gain: np.ndarray
     exposure: float
     seed: int
@@ -145,10 +146,12 @@ class Capture:
         charge_source.scale = self.exposure
         return charge_source
 
-    def create_encoder(self, rows: slice | None = None, *, threads: int | None = None) -> Encoder:
+    def create_encoder(self, rows: slice | None = None, *, threads: int | None = None) -> Encoder | SpadCamera:
         """Return the camera before its first readout, with the noise of the recording."""
         shape = self.sensor.rows, self.sensor.columns
-        return Encoder(self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads)
+        return start_camera(
+            self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads
+        )
 
 
 def _lacking_slices_error(recipe: str, where: str) -> BadInput:

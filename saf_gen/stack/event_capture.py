@@ -8,7 +8,6 @@ interpolated from frames.
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -16,12 +15,10 @@ import numpy as np
 
 from saf_gen.camera import LightCourse
 from saf_gen.camera.events import EventCamera, EventSensor
-from saf_gen.core.config.components import Component
-from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.seeds import derive_seed
 from saf_gen.errors import BadInput
-from saf_gen.plugins.lights import get_light, list_lamps
 from saf_gen.stack.capture import Capture
+from saf_gen.stack.recapture import light_integrals
 from saf_gen.stream.event_file import FINGERPRINT, EventColumns, EventWriter
 from saf_gen.stream.stream_file import SpikeStream
 
@@ -30,9 +27,9 @@ MODEL = 1
 BLOCK_CELLS = 400  # a tenth of a second of even light; memory grows with the events of a block
 
 
-def events_fingerprint(stream: SpikeStream, sensor: EventSensor) -> str:
+def events_fingerprint(content_sha256: str, sensor: EventSensor) -> str:
     """Return what identifies the events that a sensor makes of a sequence: the sequence, the sensor, and the law."""
-    text = json.dumps({"model": MODEL, "stream": stream.content_sha256, "sensor": asdict(sensor)}, sort_keys=True)
+    text = json.dumps({"model": MODEL, "stream": content_sha256, "sensor": asdict(sensor)}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -69,7 +66,7 @@ def record_events(
     logged = lens.astype(np.float64)
     source, time_stack = capture.open_charge_source(), capture.plane_source.time_stack
     spec = time_stack.specs[0]
-    integrals = _light_integrals(stream, spec.groups, duration_s=len(lens) / hz)
+    integrals = light_integrals(stream, spec.groups, duration_s=len(lens) / hz)
     seed = derive_seed("events", capture.seed, sensor.name)
     camera = EventCamera(
         sensor, (stream.shape[1], stream.shape[2]), seed=seed,
@@ -81,7 +78,7 @@ def record_events(
             **stream.metadata.provenance,
             "event_sensor": json.dumps(asdict(sensor), indent=1),
             "spikes_content": stream.content_sha256,
-            FINGERPRINT: events_fingerprint(stream, sensor),
+            FINGERPRINT: events_fingerprint(stream.content_sha256, sensor),
         },
     )
     with EventWriter(path, shape=stream.shape, readout_hz=hz, metadata=metadata) as writer:
@@ -101,27 +98,3 @@ def record_events(
                 events = camera.record(light, part)
                 writer.write(EventColumns(events.x, events.y, events.t, events.p))
     return writer.count, writer.content_sha256
-
-
-def _light_integrals(
-    stream: SpikeStream, groups: tuple[str, ...], *, duration_s: float
-) -> list[Callable[[np.ndarray], np.ndarray]]:
-    """Return the integral of the gain of each lamp, in the order of the lights of its charge.
-
-    Raises BadInput if the stream does not say how its light changed, or by a schedule that is not there any more.
-    """
-    try:
-        schedule = load_plain_json(stream.metadata.provenance["sequence"])["schedule"]
-        lamps = list_lamps(schedule, groups)
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(
-            "the stream does not say how its light changed", where=str(stream.path), hint="saf-gen generate makes such"
-        ) from error
-
-    def integral(component: Component | None) -> Callable[[np.ndarray], np.ndarray]:
-        if component is None:
-            return lambda at: np.asarray(at, np.float64)
-        light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
-        return lambda at: light.integral(at, duration_s)
-
-    return [integral(lamp.component) for lamp in lamps]

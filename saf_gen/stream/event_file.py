@@ -24,7 +24,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
 from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
 
-FORMAT, LAYOUT = "saf-gen events", 1
+FORMAT, LAYOUT = "saf-gen recapture", 1
 COLUMNS = {"x": "uint16", "y": "uint16", "t": "uint32", "p": "uint8"}
 CHUNK = 1 << 16
 FINGERPRINT = "events_fingerprint"
@@ -196,7 +196,7 @@ class EventFile:
     def _open(self, where: str) -> None:
         path = self.path
         if not path.is_file():
-            raise BadInput("there is no such file", where=where, allowed="an event file (.h5) of saf-gen events")
+            raise BadInput("there is no such file", where=where, allowed="an event file (.h5) of saf-gen recapture")
         try:
             self._file = h5py.File(path, "r")
         except OSError as error:
@@ -204,7 +204,7 @@ class EventFile:
         if not holds(self._file, "events") or "format" not in self._file.attrs:
             raise BadInput(
                 "is HDF5, but not an event file", where=where, allowed=f"attribute format = {FORMAT!r}",
-                hint="record one with saf-gen events",
+                hint="record one with saf-gen recapture",
             )  # fmt: skip
         if (layout := read_attribute(self._file, "layout", number=True)) != LAYOUT:
             raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(LAYOUT))

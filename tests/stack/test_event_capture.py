@@ -52,7 +52,7 @@ def test_events_add_up_to_the_change_of_the_light(dataset, tmp_path, name):
 
 def test_the_command_records_resumes_and_repairs(dataset, tmp_path, call):
     target = tmp_path / "events"
-    arguments = ("events", dataset, "--sensor", "davis346", "--out", target)
+    arguments = ("recapture", dataset, "--sensor", "davis346", "--out", target)
     code, output, _ = call(*arguments, "--sequence", "plane-constant-00")
     assert code == 0
     assert "1 sequence recorded with davis346" in output
@@ -87,7 +87,7 @@ def test_the_command_records_resumes_and_repairs(dataset, tmp_path, call):
     ],
 )
 def test_what_is_wrong_is_refused_before_anything_is_written(dataset, tmp_path, call, options, words):
-    code, _, error = call("events", dataset, "--out", tmp_path / "events", *options)
+    code, _, error = call("recapture", dataset, "--out", tmp_path / "events", *options)
     assert code == 2
     assert words in error
     assert not (tmp_path / "events").exists()
@@ -97,9 +97,9 @@ def test_a_stream_in_the_way_is_not_overwritten(dataset, tmp_path, call):
     path = tmp_path / "events/test/plane-constant-00.h5"
     saf_gen.write_stream(path, np.zeros((16, 4, 4), np.uint8))
     before = path.read_bytes()
-    code, _, error = call("events", dataset, "--out", tmp_path / "events")
+    code, _, error = call("recapture", dataset, "--out", tmp_path / "events")
     assert code == 2
-    assert "saf-gen events" in error
+    assert "saf-gen recapture" in error
     assert path.read_bytes() == before
 
 

@@ -142,7 +142,7 @@ def test_other_files_are_refused_by_name(path, tmp_path):
     stream = tmp_path / "stream.h5"
     saf_gen.write_stream(stream, np.zeros((16, 4, 4), np.uint8))
     (tmp_path / "text.h5").write_text("no events")
-    assert "saf-gen events" in str(refusal(saf_gen.open_events, stream))
+    assert "saf-gen recapture" in str(refusal(saf_gen.open_events, stream))
     refusal(saf_gen.open_events, tmp_path / "text.h5")
     refusal(saf_gen.open_events, tmp_path / "missing.h5")
     assert "saf_gen.open_events" in str(refusal(saf_gen.open_stream, path))

@@ -16,8 +16,8 @@ from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
-from saf_gen.camera import Sensor, get_sensor, sensor_names
-from saf_gen.camera.sensor import parse_sensor
+from saf_gen.camera import BitSensor, get_sensor, parse_sensor, sensor_names
+from saf_gen.camera.spad.sensor import OF_PLACE, SpadSensor, get_spad_sensor, spad_sensor_names
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
@@ -257,15 +257,25 @@ def _name(text: str) -> str | None:
     except BadInput:  # the sensor is from another version, or from an untrusted file
         return None
     digest = _digest(sensor)
-    if sensor.name in sensor_names() and digest == _digest(get_sensor(sensor.name)):
+    shipped: list[BitSensor] = []
+    if isinstance(sensor, SpadSensor):
+        shipped = [get_spad_sensor(sensor.name)] if sensor.name in spad_sensor_names() else []
+    elif sensor.name in sensor_names():
+        shipped = [get_sensor(sensor.name)]
+    if digest in map(_digest, shipped):
         return sensor.name
     return f"{sensor.name}#{digest[:6]}"
 
 
-def _digest(sensor: Sensor) -> str:
-    """Return the digest of a sensor's numbers, without its name and sources."""
+def _digest(sensor: BitSensor) -> str:
+    """Return the digest of a sensor's numbers, without its name and sources.
+
+    Those of a single-photon array that stands in the place of a spike camera, and the exposure that it chose, are left
+    out, too.
+    """
     numbers = sensor.as_dict()
-    del numbers["name"], numbers["sources"]
+    for key in ("name", "sources", *(OF_PLACE if isinstance(sensor, SpadSensor) else ())):
+        del numbers[key]
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
 

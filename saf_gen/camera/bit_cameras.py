@@ -1,0 +1,60 @@
+"""The kinds of cameras that read out a bit per pixel and readout: spike cameras and single-photon arrays.
+
+Their files have the same layout, and a running one is called in the same way.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.camera.encoder import Encoder
+from saf_gen.camera.exposure import firing_rate
+from saf_gen.camera.sensor import Sensor
+from saf_gen.camera.spad import SpadCamera, SpadSensor
+from saf_gen.camera.spad.sensor import detection_rate
+from saf_gen.core.config.document import validate_document
+from saf_gen.core.config.yaml_document import parse_yaml
+
+BitSensor = Sensor | SpadSensor
+
+
+def parse_sensor(text: str, where: str | Path) -> BitSensor:
+    """Return the sensor that the text of a sensor file describes; every stream file contains one.
+
+    Parameters
+    ----------
+    text : str
+        The YAML text.
+    where : str or Path
+        Name of the text in error messages.
+
+    Raises
+    ------
+    BadInput
+        If the text does not describe a valid sensor.
+    """
+    document = parse_yaml(text, where)
+    kind = document.data.get("kind") if isinstance(document.data, dict) else None
+    return validate_document(SpadSensor, document) if kind == "spad" else validate_document(Sensor, document)
+
+
+def mean_rate(charge: np.ndarray, sensor: BitSensor) -> np.ndarray:
+    """Return the ones per readout of a pixel at a constant mean charge per readout, which is counted in photons."""
+    if isinstance(sensor, SpadSensor):
+        return detection_rate(charge * sensor.gate, sensor)
+    return firing_rate(charge, sensor)
+
+
+def start_camera(
+    sensor: BitSensor,
+    shape: tuple[int, int],
+    *,
+    seed: int,
+    device_seed: int | None = None,
+    rows: slice | None = None,
+    threads: int | None = None,
+) -> Encoder | SpadCamera:
+    """Return a camera of this sensor before its first readout; the arguments are those of :class:`Encoder`."""
+    if isinstance(sensor, SpadSensor):
+        return SpadCamera(sensor, shape, seed=seed, device_seed=device_seed, rows=rows, threads=threads)
+    return Encoder(sensor, shape, seed=seed, device_seed=device_seed, rows=rows, threads=threads)

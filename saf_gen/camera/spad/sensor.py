@@ -1,0 +1,289 @@
+"""Single-photon arrays: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass
+
+from saf_gen.camera.sensor import (
+    CURVES,
+    PixelCount,
+    ResponseRms,
+    Sensor,
+    SpectralCurve,
+    spectral_curve,
+    spectral_response,
+)
+from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class SpadNoise:
+    """Switches of the imperfections of a single-photon array, each independent of the others.
+
+    A switch does not change the numbers of the sensor. That photons are detected at random is not an imperfection.
+
+    Parameters
+    ----------
+    dark : bool
+        Dark counts, log-normal over the pixels, with hot pixels.
+    response : bool
+        The detection probability differs between pixels.
+    dead_time : bool
+        After an avalanche a pixel is blind for ``dead_time_s``; it matters to ``recharge: passive`` alone.
+    afterpulsing : bool
+        An avalanche may cause another.
+    """
+
+    dark: Switch
+    response: Switch
+    dead_time: Switch
+    afterpulsing: Switch
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class SpadSensor:
+    """An array of single-photon avalanche diodes with one bit of memory per pixel. Lengths in metres, times in seconds.
+
+    A frame is a readout: its bit says whether a pixel has detected a photon while its gate was open. The functions of
+    this module raise BadInput for a value that is not allowed; the constructor and ``dataclasses.replace`` raise a
+    ValueError.
+
+    Parameters
+    ----------
+    kind : str
+        ``spad``.
+    name : str
+        Name of the sensor.
+    rows, columns : int
+        Size of the array, pixels.
+    pitch_m : float
+        Pitch of the pixels, metres.
+    readout_hz : float
+        Frames per second.
+    exposure_s : float
+        Time for which the gate is open, from the beginning of each frame, seconds; at most a frame.
+    shortest_exposure_s : float
+        Shortest time for which the gate can be open, seconds.
+    quantum_efficiency : float
+        Detection probability of a photon that reaches the light-sensitive area.
+    fill_factor : float
+        Light-sensitive fraction of the area of a pixel.
+    wavelength_m : float
+        The single wavelength at which light is detected, metres.
+    recharge : str
+        ``clocked`` if all pixels are recharged at the beginning of a frame, and only then: a pixel detects one photon
+        per frame. ``passive`` if each pixel recharges itself after ``dead_time_s``.
+    dead_time_s : float
+        Time for which a pixel is blind after an avalanche, seconds, with ``passive``.
+    dark_hz : float
+        Mean rate of dark counts over the pixels, hertz.
+    dark_log_sd : float
+        Standard deviation of the natural logarithm of that rate over the pixels.
+    dark_hot_fraction : float
+        Fraction of the pixels above ``dark_hot_factor`` times the median.
+    dark_hot_factor : float
+        Multiple of the median above which a pixel is hot.
+    dark_hot_exponent : float
+        Exponent a of the Pareto law of hot pixels: the number of pixels above x medians is proportional to x⁻ᵃ.
+    response_rms : float
+        Rms of the detection probability's differences between pixels, relative to its mean.
+    afterpulse : float
+        Probability that an avalanche causes another: in the next frame with ``clocked``, at the end of the dead time
+        with ``passive``.
+    noise : SpadNoise
+        Imperfections that are switched on.
+    sources : tuple of str
+        Sources of the numbers.
+    spectral_qe : str or tuple, default 'silicon'
+        Shape of the detection probability over the wavelength, as in :class:`saf_gen.camera.Sensor`.
+    filter : str or tuple, default 'none'
+        Filter in front of the sensor, as in :class:`saf_gen.camera.Sensor`.
+    """
+
+    kind: Literal["spad"]
+    name: Text
+    rows: PixelCount
+    columns: PixelCount
+    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    readout_hz: Annotated[float, between(1, 1e7, unit="hertz")]
+    exposure_s: Annotated[float, between(1e-10, 1, unit="seconds")]
+    shortest_exposure_s: Annotated[float, between(1e-10, 1, unit="seconds")]
+    quantum_efficiency: Annotated[float, between(1e-4, 1, unit="detections per photon")]
+    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
+    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
+    recharge: Literal["clocked", "passive"]
+    dead_time_s: Annotated[float, between(0, 1e-3, unit="seconds")]
+    dark_hz: Annotated[float, between(0, 1e6, unit="hertz")]
+    dark_log_sd: Annotated[float, between(0, 2, unit="(standard deviation of the natural logarithm)")]
+    dark_hot_fraction: Annotated[float, between(0, 0.1, unit="of all pixels")]
+    dark_hot_factor: Annotated[float, between(1, 1000, unit="times the median")]
+    dark_hot_exponent: Annotated[float, between(1.5, 20, unit="(exponent of the Pareto law of hot pixels)")]
+    response_rms: ResponseRms
+    afterpulse: Annotated[float, between(0, 0.5, unit="avalanches per avalanche")]
+    noise: SpadNoise
+    sources: Sources
+    spectral_qe: Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])] = "silicon"
+    filter: Annotated[SpectralCurve, spectral_curve(CURVES["filter"])] = "none"
+
+    def __post_init__(self) -> None:
+        longest = 1 / self.readout_hz
+        if not self.shortest_exposure_s <= self.exposure_s <= longest * (1 + 1e-9):
+            raise BadInput(
+                f"exposure_s is {self.exposure_s:g}",
+                where=f"sensor {self.name}",
+                allowed=f"{self.shortest_exposure_s:g} (shortest_exposure_s) to {longest:.6g} s (a frame)",
+            )
+        if self.recharge == "clocked" and self.dead_time_s:
+            raise BadInput(
+                f"dead_time_s is {self.dead_time_s:g} with recharge: clocked",
+                where=f"sensor {self.name}",
+                allowed="0, because a pixel is then blind until the next frame; or recharge: passive",
+            )
+
+    @property
+    def gate(self) -> float:
+        """Fraction of a frame in which the gate is open."""
+        return min(self.exposure_s * self.readout_hz, 1.0)
+
+    @property
+    def dead_frames(self) -> float:
+        """Dead time in frames; 0 if it is switched off, or pixels are recharged by the clock."""
+        return self.dead_time_s * self.readout_hz * self.noise.dead_time
+
+    @property
+    def afterpulse_on(self) -> float:
+        """Probability of an afterpulse; 0 if it is switched off."""
+        return self.afterpulse * self.noise.afterpulsing
+
+    @property
+    def mean_dark(self) -> float:
+        """Mean dark counts per frame while the gate is open; 0 if dark counts are switched off."""
+        return self.dark_hz * self.gate / self.readout_hz * self.noise.dark
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data."""
+        return asdict(self)
+
+    def spectral_response(self) -> np.ndarray:
+        """Return the detections per joule and nanometre of light, as :meth:`saf_gen.camera.Sensor.spectral_response`.
+
+        Raises BadInput as that does.
+        """
+        return spectral_response(
+            self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
+        )
+
+    def with_noise(self, **switches: bool) -> "SpadSensor":
+        """Return a copy with some imperfections switched on or off, such as ``with_noise(dark=False)``.
+
+        Raises BadInput if a switch is unknown.
+        """
+        return change_fields(self, {"noise": switches}, where=f"single-photon sensor {self.name}")
+
+    def in_place_of(self, sensor: Sensor) -> "SpadSensor":
+        """Return a copy that stands on the grid of a spike camera, and detects as many photons as that collects.
+
+        What differs is then what a pixel makes of them.
+        """
+        return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE if name != "exposure_s"})
+
+
+OF_PLACE = (
+    "rows", "columns", "pitch_m", "fill_factor", "quantum_efficiency", "wavelength_m", "spectral_qe", "filter",
+    "exposure_s",
+)  # fmt: skip
+"""Fields that an array has from where it stands and what it looks at, if it takes the place of a spike camera."""
+
+PRESETS = Presets("single-photon sensor", SpadSensor, folder=Path(__file__).parent / "sensors")
+
+
+def spad_sensor_names() -> list[str]:
+    """Return the names of the single-photon arrays that come with saf_gen, sorted."""
+    return PRESETS.names()
+
+
+def get_spad_sensor(name: str | Path, **changes: Any) -> SpadSensor:
+    """Return a single-photon array by name or from a user's YAML file, with some fields changed.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of :func:`spad_sensor_names`, or the path of a .yaml file.
+    **changes : optional
+        Fields of :class:`SpadSensor` and their new values; ``noise`` may be a mapping of some switches.
+
+    Raises
+    ------
+    BadInput
+        If a name or field is unknown, or a value is not allowed.
+    """
+    return PRESETS.get(name, changes)
+
+
+def detection_rate(photons: np.ndarray | float, sensor: SpadSensor) -> np.ndarray:
+    """Return the mean of a pixel's bit at constant light: the share of frames in which it detects a photon.
+
+    With ``clocked`` recharge a frame without avalanche before it has p = 1 − exp(−H), and one after an avalanche
+    1 − (1 − p)(1 − q), so that the mean is p/(1 − q(1 − p)). With ``passive`` recharge and an open gate, avalanches are
+    a renewal process whose intervals are the dead time τ and then, unless an afterpulse follows at once, a time of mean
+    1/H. No avalanche falls into a frame with the probability ∫ P(interval > x) dx, from a frame to infinity, divided by
+    the mean interval (D. R. Cox, Renewal Theory, 1962, section 5.2).
+
+    Parameters
+    ----------
+    photons : ndarray or float
+        Mean detections H of a pixel that is never blind, per frame while its gate is open, dark counts included.
+    sensor : SpadSensor
+        The sensor; with ``passive`` recharge and a dead time its gate must be open for the whole frame.
+
+    Raises
+    ------
+    BadInput
+        If the gate is shorter than a frame, with ``passive`` recharge and a dead time.
+    """
+    photons = np.asarray(photons, np.float64)
+    q, dead = sensor.afterpulse_on, sensor.dead_frames
+    if sensor.recharge == "clocked":
+        p = -np.expm1(-photons)
+        return p / (1 - q * (1 - p))
+    if sensor.gate < 1 and dead:
+        raise BadInput(f"the gate is open for {sensor.gate:.3g} of a frame", allowed="the whole frame, in this law")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wait = (1 - q) / photons
+        if dead >= 1:
+            empty = (dead - 1 + wait) / (dead + wait)
+        else:
+            empty = wait * np.exp(-photons * (sensor.gate - dead)) / (dead + wait)
+    return np.where(photons > 0, 1 - empty, 0.0)
+
+
+def exposure_for(photons_per_s: np.ndarray, sensor: SpadSensor, *, rate: float = 0.5) -> SpadSensor:
+    """Return a copy whose gate is open for as long as pixels need to detect a photon in ``rate`` of the frames.
+
+    It is at most a frame, and at least the shortest exposure; dead time, dark counts and afterpulses do not count.
+
+    Parameters
+    ----------
+    photons_per_s : ndarray, shape (n,)
+        Detections per second of pixels that are never blind; the rate is their mean.
+    sensor : SpadSensor
+        The sensor.
+    rate : float, default 0.5
+        Share of the frames, above 0 and below 1.
+    """
+    light = np.asarray(photons_per_s, np.float64)
+    low, high = sensor.shortest_exposure_s, 1 / sensor.readout_hz
+    if -np.expm1(-light * high).mean() <= rate:
+        return replace(sensor, exposure_s=high)
+    for _ in range(60):  # the rate rises with the exposure, so bisection converges to double precision
+        middle = (low + high) / 2
+        if -np.expm1(-light * middle).mean() < rate:
+            low = middle
+        else:
+            high = middle
+    return replace(sensor, exposure_s=float(f"{high:.6g}"))  # so that the order of a sum does not show

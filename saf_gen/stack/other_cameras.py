@@ -1,0 +1,165 @@
+"""Cameras that record the sequences of a dataset again: event cameras and single-photon arrays.
+
+Events have a file format of their own. Single photons are streams, whose folder becomes a dataset: all that evaluates
+a dataset evaluates it.
+"""
+
+import hashlib
+import json
+import os
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from pathlib import Path
+
+from saf_gen.camera.events import EventSensor, event_sensor_names, get_event_sensor
+from saf_gen.camera.spad import SpadSensor, get_spad_sensor, spad_sensor_names
+from saf_gen.core.config.presets import is_preset_file
+from saf_gen.core.config.yaml_document import read_yaml
+from saf_gen.core.files import refuse_link
+from saf_gen.errors import BadInput, unknown
+from saf_gen.stack.event_capture import events_fingerprint, record_events
+from saf_gen.stack.recapture import recapture_fingerprint, record_photons
+from saf_gen.stream.event_file import check_replaceable, intact_digest
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, write_manifest
+from saf_gen.stream.stream_file import SpikeStream, open_stream
+
+RATE = 0.5
+"""Share of the frames in which a single-photon array that chooses its exposure detects a photon of the target."""
+STACKS = "stacks"
+
+
+class OtherCamera(ABC):
+    """A camera that takes the place of the spike camera of a dataset.
+
+    Attributes
+    ----------
+    name : str
+        Name of its sensor.
+    """
+
+    name: str
+
+    @abstractmethod
+    def check_replaceable(self, path: Path) -> None:
+        """Raise BadInput if an output would replace a link, or something that such a camera did not record."""
+
+    @abstractmethod
+    def has_recorded(self, path: Path, content_sha256: str) -> bool:
+        """Return whether a file is intact and this camera's recording of the sequence with this digest."""
+
+    @abstractmethod
+    def record(self, stream: SpikeStream, stacks: Path, *, path: Path) -> str:
+        """Record a sequence into ``path`` and return what to say of it; raise BadInput if that cannot be."""
+
+    def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
+        """Complete the folder ``target`` of recordings, and return the command to go on with, if there is one."""
+        return ""
+
+
+class _Events(OtherCamera):
+    def __init__(self, sensor: EventSensor) -> None:
+        self.name, self._sensor = sensor.name, sensor
+
+    def check_replaceable(self, path: Path) -> None:
+        check_replaceable(path)
+
+    def has_recorded(self, path: Path, content_sha256: str) -> bool:
+        return intact_digest(path, events_fingerprint(content_sha256, self._sensor)) is not None
+
+    def record(self, stream: SpikeStream, stacks: Path, *, path: Path) -> str:
+        count, digest = record_events(stream, stacks, sensor=self._sensor, path=path)
+        return f"{count:,} events, sha256 {digest[:16]}"
+
+
+class _Photons(OtherCamera):
+    def __init__(self, sensor: SpadSensor, *, rate: float | None) -> None:
+        self.name, self._sensor, self._rate = sensor.name, sensor, rate
+
+    def check_replaceable(self, path: Path) -> None:
+        refuse_link(path)
+        if path.exists():
+            with open_stream(path) as stream:
+                if "spikes_content" not in stream.metadata.provenance:
+                    raise BadInput(
+                        "saf-gen recapture did not record it", where=str(path), hint="choose another --out, or move it"
+                    )
+
+    def has_recorded(self, path: Path, content_sha256: str) -> bool:
+        return self._digest(path, content_sha256, verify=True) is not None
+
+    def _digest(self, path: Path, content_sha256: str, *, verify: bool) -> tuple[int, str] | None:
+        """Return the frames and the digest of this camera's recording of a sequence, or None if it is not there."""
+        wanted = recapture_fingerprint(content_sha256, self._sensor, rate=self._rate)
+        try:
+            with open_stream(path) as stream:
+                if stream.metadata.provenance.get("fingerprint") != wanted:
+                    return None
+                if verify:
+                    stream.verify()
+                return stream.shape[0], stream.content_sha256
+        except BadInput:
+            return None
+
+    def record(self, stream: SpikeStream, stacks: Path, *, path: Path) -> str:
+        frames, digest, exposed = record_photons(stream, stacks, sensor=self._sensor, rate=self._rate, path=path)
+        exposure = f"{exposed.exposure_s * 1e6:.4g} µs of {1e6 / exposed.readout_hz:.4g}"
+        return f"{frames:,} frames, open for {exposure}, sha256 {digest[:16]}"
+
+    def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
+        """Write the manifest of all that this camera has recorded there, and a link to the stacks."""
+        name = f"{manifest.name}_{self.name}"
+        if (target / MANIFEST_NAME).exists() and (held := read_manifest(target)).name != name:
+            raise BadInput(f"{target} holds the dataset {held.name!r}", allowed=name, hint="choose another --out")
+        entries = []
+        for entry in manifest.sequences:
+            file = f"{entry.split}/{entry.id}.h5"
+            if found := self._digest(target / file, entry.content_sha256, verify=False):
+                fingerprint = recapture_fingerprint(entry.content_sha256, self._sensor, rate=self._rate)
+                entries.append(
+                    replace(entry, file=file, frames=found[0], content_sha256=found[1], fingerprint=fingerprint)
+                )
+        if not entries:
+            return ""
+        made = json.dumps([manifest.recipe_fingerprint, self._sensor.as_dict(), self._rate], sort_keys=True)
+        recipe = hashlib.sha256(made.encode()).hexdigest()
+        write_manifest(target, replace(manifest, name=name, recipe_fingerprint=recipe, sequences=tuple(entries)))
+        stacks = target / STACKS
+        if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
+            stacks.symlink_to(os.path.relpath(dataset / STACKS, target), target_is_directory=True)
+        return read_manifest(target).next_command(target)
+
+
+def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:
+    """Return the camera of this name, or of a user's file.
+
+    Parameters
+    ----------
+    name : str
+        A name of :func:`saf_gen.camera.events.event_sensor_names` or :func:`saf_gen.camera.spad.spad_sensor_names`, or
+        the path of a .yaml file, which says ``kind: spad`` if it is that of a single-photon array.
+    exposure_us : float, optional
+        Exposure of a single-photon array, microseconds; by default it chooses one for each sequence.
+
+    Raises
+    ------
+    BadInput
+        If there is no such camera, its file is not valid, or it has no such exposure.
+    """
+    if is_preset_file(name):
+        data = read_yaml(Path(name)).data
+        of_photons = isinstance(data, dict) and data.get("kind") == "spad"
+    elif name in spad_sensor_names() or name in event_sensor_names():
+        of_photons = name in spad_sensor_names()
+    else:
+        raise unknown(
+            "camera",
+            name,
+            allowed=[*event_sensor_names(), *spad_sensor_names()],
+            hint="or give the path of a .yaml file",
+        )
+    if of_photons:
+        changes = {} if exposure_us is None else {"exposure_s": exposure_us * 1e-6}
+        return _Photons(get_spad_sensor(name, **changes), rate=RATE if exposure_us is None else None)
+    if exposure_us is not None:
+        raise BadInput(f"--exposure-us is given for {name}", allowed="a single-photon array", hint="leave it out")
+    return _Events(get_event_sensor(name))

@@ -1,0 +1,222 @@
+"""Single-photon arrays: the laws of their bits, a slow twin, and what must not change them."""
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refusals import refusal
+
+from saf_gen.camera.spad import SpadCamera, SpadSensor, get_spad_sensor, spad_sensor_names
+from saf_gen.camera.spad.camera import _random_words
+from saf_gen.camera.spad.sensor import detection_rate, exposure_for
+
+SHAPE = (16, 64)
+QUIET = {"dark": False, "response": False, "dead_time": False, "afterpulsing": False}
+FRAMES = 2000
+LIMIT = 4.4  # standard deviations: one in 100,000 of a normal law; two million bits per test, all seeds stated
+
+
+def clocked(**changes) -> SpadSensor:
+    return get_spad_sensor("swissspad3", noise=QUIET | changes.pop("noise", {}), **changes)
+
+
+def passive(dead_frames, **changes) -> SpadSensor:
+    hz = get_spad_sensor("swissspad3").readout_hz
+    on = {"dead_time": True, "afterpulsing": True}
+    return clocked(recharge="passive", dead_time_s=dead_frames / hz, exposure_s=1 / hz, noise=on, **changes)
+
+
+def bits(sensor, photons, *, frames=FRAMES, seed=1, shape=SHAPE, **options):
+    """Return the bits in constant light of so many photons per open gate, bool (H, W, T)."""
+    camera = SpadCamera(sensor, shape, seed=seed, **options)
+    packed = expose(camera, np.full((1, 1, *camera.shape), photons / sensor.gate, np.float32), frames)
+    return np.unpackbits(packed, axis=-1, bitorder="little")[..., :frames].astype(bool)
+
+
+def expose(camera, stack, frames, *, gain=None):
+    still = np.zeros(frames)
+    gain = np.ones((frames, len(stack))) if gain is None else gain
+    return camera.encode(stack, index=still.astype(int), fraction=still, gain=gain)
+
+
+def deviations(seen, rate):
+    """Return by how many standard deviations the mean of independent bits is off."""
+    return (seen.mean() - rate) / np.sqrt(rate * (1 - rate) / seen.size)
+
+
+@pytest.mark.parametrize("photons", [1e-3, 0.05, 0.7, 2.0, 5.0])
+def test_a_bit_has_the_probability_of_at_least_one_photon(photons):
+    seen = bits(clocked(), photons)
+    assert abs(deviations(seen, -np.expm1(-photons))) < LIMIT
+    assert detection_rate(photons, clocked()) == pytest.approx(-np.expm1(-photons))
+
+
+def test_no_light_gives_no_bit_and_much_light_gives_all():
+    assert not bits(clocked(), 0.0).any()
+    assert bits(clocked(), 1e6).all()
+
+
+def test_a_shorter_gate_detects_as_many_fewer():
+    """A camera meets the same light with a gate of a quarter of a frame."""
+    sensor = clocked(exposure_s=0.25 / 97_700)
+    packed = expose(SpadCamera(sensor, SHAPE, seed=3), np.full((1, 1, *SHAPE), 2.0, np.float32), FRAMES)
+    assert abs(deviations(np.unpackbits(packed), -np.expm1(-0.5))) < LIMIT
+
+
+def test_counts_are_binomial_and_pixels_and_frames_independent():
+    seen = bits(clocked(), 0.7, seed=5)
+    p, n = -np.expm1(-0.7), 100
+    counts = seen.reshape(*SHAPE, -1, n).sum(-1)
+    variance = n * p * (1 - p)
+    spread = np.sqrt(2 / counts.size)
+    assert abs(counts.var() / variance - 1) < LIMIT * spread
+    off = seen - p
+    for a, b in (
+        (off[:, 1:], off[:, :-1]),
+        (off[1:], off[:-1]),
+        (off[..., 1:], off[..., :-1]),
+        (off[..., 64:], off[..., :-64]),
+    ):
+        correlation = (a * b).mean() / (p * (1 - p))
+        assert abs(correlation) * np.sqrt(a.size) < LIMIT
+
+
+@pytest.mark.parametrize("photons", [0.1, 0.7, 2.0])
+def test_an_afterpulse_follows_in_the_next_frame(photons):
+    sensor = clocked(afterpulse=0.2, noise={"afterpulsing": True})
+    seen, p = bits(sensor, photons, seed=7), -np.expm1(-photons)
+    lone, after = seen[..., 1:][~seen[..., :-1]], seen[..., 1:][seen[..., :-1]]
+    assert abs(deviations(lone, p)) < LIMIT
+    assert abs(deviations(after, 1 - (1 - p) * 0.8)) < LIMIT
+    assert detection_rate(photons, sensor) == pytest.approx(p / (1 - 0.2 * (1 - p)))
+
+
+@pytest.mark.parametrize("dead", [0.05, 0.6, 1.7])
+@pytest.mark.parametrize("photons", [0.1, 0.7, 3.0])
+def test_dead_time_empties_frames_as_a_renewal_process_does(photons, dead):
+    """The frames of a pixel are dependent, so that the spread is that of the means of 1,024 pixels."""
+    sensor = passive(dead, afterpulse=0.1)
+    means = bits(sensor, photons, seed=11)[..., 50:].mean(-1)
+    off = means.mean() - detection_rate(photons, sensor)
+    assert abs(off) < LIMIT * means.std() / np.sqrt(means.size)
+
+
+def test_in_the_brightest_light_a_pixel_fires_once_per_dead_time():
+    sensor = passive(2.5, afterpulse=0.0)
+    assert bits(sensor, 1000.0, frames=20_000, shape=(1, 64)).mean() == pytest.approx(1 / 2.5, rel=2e-3)
+
+
+def test_without_dead_time_a_passive_pixel_obeys_the_law_of_the_clock():
+    sensor = passive(0.0, afterpulse=0.0)
+    assert abs(deviations(bits(sensor, 0.7, seed=13), -np.expm1(-0.7))) < LIMIT
+
+
+def test_a_switched_off_imperfection_does_nothing():
+    off = replace(passive(0.6, afterpulse=0.3), noise=clocked().noise)
+    assert abs(deviations(bits(off, 0.7, seed=17), -np.expm1(-0.7))) < LIMIT
+    same = clocked(afterpulse=0.3, dark_hz=1e5, response_rms=0.2)
+    np.testing.assert_array_equal(bits(same, 0.7), bits(clocked(), 0.7))
+
+
+def test_dark_counts_and_response_differ_between_pixels_as_stated():
+    sensor = clocked(dark_hz=5e3, dark_hot_fraction=0.0, response_rms=0.05, noise={"dark": True, "response": True})
+    dark = -np.log1p(-bits(sensor, 0.0, frames=20_000, seed=19).mean(-1))
+    assert dark.mean() == pytest.approx(5e3 / 97_700, rel=0.06)  # 1,024 pixels of a log-normal law of 0.5
+    assert np.log(dark).std() == pytest.approx(0.5, rel=0.1)
+    lit = -np.log1p(
+        -bits(replace(sensor, noise=replace(sensor.noise, dark=False)), 0.7, frames=20_000, seed=19).mean(-1)
+    )
+    assert lit.std() / lit.mean() == pytest.approx(0.05, rel=0.12)
+
+
+def test_a_slow_twin_makes_the_same_bits():
+    """The law in plain steps: the words of a pixel and a frame are mixed into a number, which is below p or not."""
+    sensor, shape, frames = clocked(), (3, 50), 20
+    light = np.random.default_rng(0).random((1, 1, *shape), np.float32) * 3
+    packed = expose(SpadCamera(sensor, shape, seed=23), light, frames)
+    seen = np.unpackbits(packed, axis=-1, bitorder="little")[..., :frames]
+    pixels, moments = _random_words("pixels", 23, range(150)), _random_words("frames", 23, range(frames))
+    photons = light.ravel() * np.float32(sensor.gate)
+
+    def turned(word, shift, factor):
+        return ((word ^ (word >> shift)) * factor) % 2**32
+
+    for pixel in range(150):
+        for frame in range(frames):
+            word = turned(int(pixels[0, pixel]) ^ int(moments[0, frame]), 16, 0x7FEB352D)
+            word = turned(word ^ int(pixels[1, pixel]) ^ int(moments[1, frame]), 15, 0x846CA68B)
+            word = turned(word, 16, 0x9E3779B1)
+            drawn = ((word ^ (word >> 15)) >> 1) / 2**31
+            p = -np.expm1(-float(photons[pixel]))
+            if abs(drawn - p) > 2e-6:  # the kernel's exponential is good to 5e-7
+                assert seen.reshape(150, frames)[pixel, frame] == (drawn < p)
+
+
+@pytest.mark.parametrize(
+    "sensor", [clocked(afterpulse=0.1, noise={"afterpulsing": True}), passive(0.7, afterpulse=0.1)]
+)
+def test_bits_depend_on_neither_blocks_nor_threads_nor_rows(sensor):
+    light = np.random.default_rng(1).random((2, 1, *SHAPE), np.float32)
+    gain = np.random.default_rng(2).random((96, 2))
+    whole = expose(SpadCamera(sensor, SHAPE, seed=29, threads=1), light, 96, gain=gain)
+    camera = SpadCamera(sensor, SHAPE, seed=29, threads=3)
+    parts = [expose(camera, light, stop - start, gain=gain[start:stop]) for start, stop in ((0, 8), (8, 40), (40, 96))]
+    np.testing.assert_array_equal(np.concatenate(parts, axis=-1), whole)
+    some = SpadCamera(sensor, SHAPE, seed=29, rows=slice(5, 9))
+    np.testing.assert_array_equal(expose(some, light[:, :, 5:9], 96, gain=gain), whole[5:9])
+
+
+@pytest.mark.parametrize(
+    ("sensor", "digest"),
+    [(get_spad_sensor("swissspad3"), "5c70fed015daf477"), (passive(0.7, afterpulse=0.1), "7c995db38a4b6bd2")],
+)
+def test_bits_are_the_same_on_any_machine(sensor, digest):
+    packed = np.packbits(bits(sensor, 0.7, frames=400))
+    assert hashlib.sha256(packed.tobytes()).hexdigest()[:16] == digest
+
+
+def test_an_exposure_is_chosen_for_the_light():
+    sensor = clocked()
+    assert exposure_for(np.array([np.log(2) / 2e-6]), sensor).exposure_s == pytest.approx(2e-6, rel=1e-5)
+    two = np.array([1e5, 4e6])
+    chosen = exposure_for(two, sensor, rate=0.3).exposure_s
+    assert -np.expm1(-two * chosen).mean() == pytest.approx(0.3, rel=1e-4)
+    for dim in (1.0, 0.0):  # no longer than a frame
+        assert exposure_for(np.array([dim]), sensor).exposure_s == pytest.approx(1 / sensor.readout_hz)
+    assert exposure_for(np.array([1e12]), sensor).exposure_s == sensor.shortest_exposure_s
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"exposure_s": 1e-4}, "exposure_s is 0.0001; allowed: 1e-09"),
+        ({"exposure_s": 5e-10}, "exposure_s is 5e-10"),
+        ({"dead_time_s": 1e-7}, "with recharge: clocked"),
+        ({"recharge": "active"}, "'active'"),
+        ({"afterpulse": 0.9}, "0 to 0.5"),
+        ({"dark_hz": -1}, "0 to 1e+06 hertz"),
+        ({"exposure_us": 1}, "exposure_s"),
+        ({"noise": {"shot": True}}, "shot"),
+        ({"kind": "spikes"}, "'spikes'"),
+    ],
+)
+def test_what_no_array_can_be_is_refused(changes, words):
+    assert words in str(refusal(get_spad_sensor, "swissspad3", **changes))
+
+
+def test_unknown_arrays_and_wrong_calls_are_refused():
+    assert "did you mean 'swissspad3'?" in str(refusal(get_spad_sensor, "swisspad3"))
+    assert "the array's shape" in str(refusal(SpadCamera, clocked(), (0, 5), seed=1))
+    assert "multiple of 16" in str(refusal(SpadCamera, clocked(), (64, 20), seed=1, rows=slice(3, 5)))
+    camera = SpadCamera(clocked(), SHAPE, seed=1)
+    assert "float32" in str(refusal(expose, camera, np.zeros((1, 1, *SHAPE)), 8))
+    assert "negative" in str(refusal(expose, camera, np.full((1, 1, *SHAPE), -1, np.float32), 8))
+    expose(camera, np.ones((1, 1, *SHAPE), np.float32), 9)
+    assert "multiple of 8" in str(refusal(expose, camera, np.ones((1, 1, *SHAPE), np.float32), 8))
+    assert "whole frame" in str(refusal(detection_rate, 1.0, replace(passive(0.5), exposure_s=1e-6)))
+
+
+def test_every_shipped_array_cites_its_numbers():
+    for name in spad_sensor_names():
+        assert any("doi:" in source for source in get_spad_sensor(name).sources)
