@@ -123,7 +123,7 @@ def record_photons(
         gain=gain,
         provenance={
             **texts,
-            "sensor": yaml.safe_dump(placed.as_dict() | {"sources": list(placed.sources)}, sort_keys=False),
+            "sensor": yaml.safe_dump(placed.as_dict(), sort_keys=False),
             "spikes_content": stream.content_sha256,
             "fingerprint": fingerprint,
         },

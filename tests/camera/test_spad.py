@@ -102,6 +102,13 @@ def test_dead_time_empties_frames_as_a_renewal_process_does(photons, dead):
     assert abs(off) < LIMIT * means.std() / np.sqrt(means.size)
 
 
+def test_dead_time_is_stated_in_frames():
+    assert passive(0.6).dead_frames == pytest.approx(0.6)
+    assert replace(passive(0.6), noise=clocked().noise).dead_frames == 0
+    seen, without = (bits(passive(dead, afterpulse=0.0), 3.0, seed=31).mean() for dead in (0.6, 0.0))
+    assert seen < without - 0.05
+
+
 def test_in_the_brightest_light_a_pixel_fires_once_per_dead_time():
     sensor = passive(2.5, afterpulse=0.0)
     assert bits(sensor, 1000.0, frames=20_000, shape=(1, 64)).mean() == pytest.approx(1 / 2.5, rel=2e-3)
@@ -136,7 +143,7 @@ def test_a_slow_twin_makes_the_same_bits():
     light = np.random.default_rng(0).random((1, 1, *shape), np.float32) * 3
     packed = expose(SpadCamera(sensor, shape, seed=23), light, frames)
     seen = np.unpackbits(packed, axis=-1, bitorder="little")[..., :frames]
-    pixels, moments = _random_words("pixels", 23, range(150)), _random_words("frames", 23, range(frames))
+    pixels, moments = _random_words("pixels", range(150), seed=23), _random_words("frames", range(frames), seed=23)
     photons = light.ravel() * np.float32(sensor.gate)
 
     def turned(word, shift, factor):

@@ -12,7 +12,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
 EACH_LAW = "studies/test_laws.py::test_a_law_holds_at_its_small_size"
 RENDERED = ("render/", "optics/test_microscope", EACH_LAW)
 """Tests that render, which takes long and needs LLVM."""
-COMPILED = ("camera.encoder_kernel", "camera.events.kernel")
+COMPILED = ("camera.encoder_kernel", "camera.events.kernel", "camera.spad.kernel")
 """Modules that take long to compile."""
 
 
@@ -237,6 +237,30 @@ FAULTS = {
         (
             "camera/test_events.py::test_a_step_is_followed_as_the_closed_form_says",
             "camera/test_events.py::test_smooth_light_is_followed_as_a_solver_says",
+        ),
+    ),
+    "dead time ignored": Fault(
+        "A single-photon pixel that recharges itself can fire again at once.",
+        (Change("camera.spad.sensor", "self.dead_time_s * self.readout_hz", "0.0 * self.readout_hz"),),
+        (
+            "camera/test_spad.py::test_in_the_brightest_light_a_pixel_fires_once_per_dead_time",
+            "camera/test_spad.py::test_dead_time_is_stated_in_frames",
+        ),
+    ),
+    "dead time of half": Fault(
+        "A single-photon pixel is blind for half of its dead time.",
+        (Change("camera.spad.kernel", "now += dead\n", "now += 0.5 * dead\n"),),
+        (
+            "camera/test_spad.py::test_dead_time_empties_frames_as_a_renewal_process_does",
+            f"{EACH_LAW}[photons_dead_time]",
+        ),
+    ),
+    "gate ignored": Fault(
+        "A single-photon array collects light while its gate is closed.",
+        (Change("camera.spad.camera", "weight * np.float32(sensor.gate)", "weight * np.float32(1.0)"),),
+        (
+            "camera/test_spad.py::test_a_shorter_gate_detects_as_many_fewer",
+            "stack/test_recapture.py::test_as_many_photons_are_detected_as_the_light_has",
         ),
     ),
     "import flipped": Fault(

@@ -130,7 +130,7 @@ def test_the_command_makes_a_dataset_resumes_and_repairs(dataset, tmp_path, call
 def test_the_dataset_is_judged_on_both_tracks_by_measures_without_the_law_of_spikes(dataset, tmp_path, call):
     target = tmp_path / "photons"
     assert call("recapture", dataset, "--sensor", "swissspad3", "--out", target, "--sequence", NAMES[0])[0] == 0
-    for track in ("recorded", "closed-loop"):
+    for track in ("recorded", "closed_loop"):
         out = tmp_path / track
         code, _, error = call(
             "evaluate", target, "--track", track, "--method", "sd+hill_climb" if track != "recorded" else "sd+argmax",

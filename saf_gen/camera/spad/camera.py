@@ -62,7 +62,7 @@ class SpadCamera:
         self.sensor, self.shape, self.frames = sensor, (int(shape[0]), int(shape[1])), 0
         self._response, self._dark = _draw_device(sensor, self.shape, seed=seed if device_seed is None else device_seed)
         size = self._response.size
-        self._words = _random_words("pixels", seed, range(size))
+        self._words = _random_words("pixels", range(size), seed=seed)
         if rows is not None:
             first, last, _ = rows.indices(self.shape[0])
             if first >= last or first * self.shape[1] % LANES:
@@ -104,7 +104,7 @@ class SpadCamera:
         frames, size, sensor = index.size, self._response.size, self.sensor
         flat = np.ascontiguousarray(stack).reshape(*stack.shape[:2], size)
         low, high = (weight * np.float32(sensor.gate) for weight in (low, high))
-        words = _random_words("frames", self._seed, range(self.frames, self.frames + frames))
+        words = _random_words("frames", range(self.frames, self.frames + frames), seed=self._seed)
         out = np.zeros((size, -(-frames // 8)), np.uint8)
         blocks = -(-size // LANES)
         cuts = np.linspace(0, blocks, min(self._threads, blocks) + 1).astype(int).tolist()
@@ -129,7 +129,7 @@ class SpadCamera:
         return out.reshape(*self.shape, -1)
 
 
-def _random_words(what: str, seed: int, numbers: range) -> np.ndarray:
+def _random_words(what: str, numbers: range, *, seed: int) -> np.ndarray:
     """Return two random words for each number of a pixel or frame, uint32 (2, n), whatever the range begins with."""
     key = np.uint64(derive_seed("spad", seed, what))
     with np.errstate(over="ignore"):

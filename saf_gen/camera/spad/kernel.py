@@ -150,10 +150,12 @@ def expose_passive(
     first: Any, stop: Any, stack: Any, index: Any, low_weight: Any, high_weight: Any, pixel_words: Any,
     frame_words: Any, response: Any, dark: Any, afterpulse: Any, blind: Any, out: Any, waits: Any, gate: Any, dead: Any
 ) -> Any:  # fmt: skip
-    """Expose pixels that recharge themselves, avalanche by avalanche: the arguments are as in :func:`expose_clocked`.
+    """Expose pixels that recharge themselves, avalanche by avalanche.
 
     Parameters
     ----------
+    first, stop, stack, index, low_weight, high_weight, pixel_words, frame_words, response, dark, out : int or ndarray
+        As in :func:`expose_clocked`; ``out`` begins with zeros.
     afterpulse : float
         Probability that an avalanche causes another at the end of the dead time.
     blind : ndarray of float64, shape (2, P)
