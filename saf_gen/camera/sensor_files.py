@@ -5,13 +5,20 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from math import exp, log
 from pathlib import Path
+from typing import Any
 
 from scipy.special import ndtr
 
-from saf_gen.camera import Sensor, electrons_per_irradiance, get_sensor
-from saf_gen.camera.sensor import PRESETS
+from saf_gen.camera import Sensor, electrons_per_irradiance
+from saf_gen.camera.events.sensor import PRESETS as EVENT_CAMERAS
+from saf_gen.camera.sensor import PRESETS as SPIKE_CAMERAS
+from saf_gen.camera.spad.sensor import PRESETS as SPADS
 from saf_gen.core.config.document import read_text
-from saf_gen.core.config.presets import is_preset_file
+from saf_gen.core.config.presets import Presets, is_preset_file
+from saf_gen.errors import unknown
+
+KINDS: dict[str, Presets[Any]] = {"spikes": SPIKE_CAMERAS, "events": EVENT_CAMERAS, "photons": SPADS}
+"""By what it reads out: the sensors that come with saf_gen."""
 
 _NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)
 _AS_IN = re.compile(r"^#[^\n]*is as in[ \n#]+(\w+)\.yaml", re.MULTILINE)
@@ -43,9 +50,17 @@ _SWITCHED = {
 
 
 def sensor_text(name: str | Path) -> str:
-    """Return the text of a sensor file, with comments and sources; raise BadInput as :func:`get_sensor` does."""
-    get_sensor(name)
-    return read_text(Path(name) if is_preset_file(name) else PRESETS.folder / f"{name}.yaml")
+    """Return the text of a sensor file of any kind, with comments and sources.
+
+    Raises BadInput if the name is unknown, or the file of a user cannot be read.
+    """
+    if is_preset_file(name):
+        return read_text(Path(name))
+    for presets in KINDS.values():
+        if str(name) in presets.names():
+            return read_text(presets.folder / f"{name}.yaml")
+    allowed = [known for presets in KINDS.values() for known in presets.names()]
+    raise unknown("sensor", name, allowed=allowed, hint="or give the path of a .yaml file")
 
 
 def nominal_keys(text: str) -> list[str]:

@@ -5,7 +5,7 @@ import shlex
 from contextlib import ExitStack
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import Progress, TaskID
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from saf_gen.calibration.comparison import Figures, Report
     from saf_gen.calibration.estimates import Estimate
     from saf_gen.calibration.recordings import Recording
-    from saf_gen.camera import Sensor
 
 Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not contain it.")]
@@ -28,19 +27,20 @@ Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw 
 
 def list_sensors_command(*, as_json: AsJson = False) -> None:
     """List sensors with their array, their readout rate, and the numbers that are not measured."""
-    from saf_gen.camera import get_sensor, sensor_names
-    from saf_gen.camera.sensor_files import nominal_keys, sensor_text
+    from saf_gen.camera.sensor_files import KINDS, nominal_keys, sensor_text
 
-    def nominal(sensor: "Sensor") -> str:
-        return ", ".join(nominal_keys(sensor_text(sensor.name))) or "nothing"
+    def nominal(row: tuple[str, Any]) -> str:
+        return ", ".join(nominal_keys(sensor_text(row[1].name))) or "nothing"
 
     columns = [
-        Column("sensor", "name"),
-        Column("pixels", lambda sensor: f"{sensor.columns}×{sensor.rows}"),
-        Column("readouts per second", "readout_hz", ",.0f", folds=True),
+        Column("sensor", lambda row: row[1].name),
+        Column("reads out", lambda row: row[0], folds=True),
+        Column("pixels", lambda row: f"{row[1].columns}×{row[1].rows}"),
+        Column("Hz", lambda row: getattr(row[1], "readout_hz", None), ",.0f", folds=True),
         Column("assumed or derived", nominal, folds=True),
     ]
-    print_table(Table(columns, [get_sensor(name) for name in sensor_names()]), as_json=as_json)
+    rows = [(kind, presets.get(name, {})) for kind, presets in KINDS.items() for name in presets.names()]
+    print_table(Table(columns, rows), as_json=as_json)
 
 
 def show_sensor_command(name: Annotated[str, typer.Argument(help="Name of a sensor, or its YAML file.")]) -> None:
