@@ -10,6 +10,7 @@ from rich.progress import TaskID
 
 from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
+from saf_gen.cli.recapture_command import record_with
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.object_store import find_path
 from saf_gen.core.plain_text import plural
@@ -135,12 +136,30 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
         shards = plan.share.part[1]
         all_ended = "the shard has ended" if shards == 1 else f"all {shards} shards have ended"
         out.print(f"next, once {all_ended}: {closing}", soft_wrap=True)
+    _record_again(plan)
     if result.without_diffraction:
         out.print("rendered without diffraction: only the variants llvm and cuda support it")
     for name, problem in result.failed.items():
         print_error(f"{name} failed: {problem}", result.exit_code)
     if result.failed:
         raise typer.Exit(result.exit_code)
+
+
+def _record_again(plan: "Plan") -> None:
+    """Record the dataset with the other cameras of its recipe, or say how that is done where it is not complete."""
+    from saf_gen.stack.other_cameras import CAMERAS
+    from saf_gen.stream.manifest import read_manifest
+
+    for camera in plan.resolved.others:
+        if plan.share is not None or plan.in_store:
+            what = "a shard" if plan.share is not None else "a dataset in an object store"
+            out.print(
+                f"not recorded with {camera.name}, because this is {what}: saf-gen recapture does it", soft_wrap=True
+            )
+            continue
+        manifest = read_manifest(plan.folder)
+        target = plan.folder / CAMERAS / camera.name
+        record_with(camera, plan.folder, manifest=manifest, entries=list(manifest.sequences), target=target)
 
 
 def _warn_of_renderer(variant: str, *, dry_run: bool) -> None:
@@ -219,6 +238,9 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
         f"jobs: {len(plan.to_render):,} to render, about {_time(left.render_s)} on one machine; "
         f"{len(plan.unrecorded):,} to record, about {_time(left.record_s)}"
     )
+    if plan.resolved.others:
+        names = ", ".join(camera.name for camera in plan.resolved.others)
+        out.print(f"then recorded again, which is not in these figures, with: {names}", soft_wrap=True)
     who = "two cores with LLVM" if machines == 1 else f"{machines} machines of two cores with LLVM"
     out.print(f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}")
 

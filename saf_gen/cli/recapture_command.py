@@ -7,10 +7,11 @@ import typer
 
 from saf_gen.cli._terminal import out, print_error, progress_bars, terminal_reporter
 from saf_gen.core.plain_text import plural
-from saf_gen.errors import BadInput, escape_controls, unknown
+from saf_gen.errors import escape_controls, unknown
 
 if TYPE_CHECKING:
     from saf_gen.stack.other_cameras import OtherCamera
+    from saf_gen.stream.manifest import Manifest, SequenceEntry
 
 
 def recapture_command(
@@ -36,9 +37,8 @@ def recapture_command(
     ] = None,
 ) -> None:
     """Record the sequences of a dataset with another camera: same scene, lens, light and truth, other sensor."""
-    from saf_gen.stack.other_cameras import find_camera
+    from saf_gen.stack.other_cameras import CAMERAS, find_camera
     from saf_gen.stream.manifest import read_manifest
-    from saf_gen.stream.stream_file import open_stream
 
     camera, manifest = find_camera(sensor, exposure_us=exposure_us), read_manifest(dataset)
     if split is not None and split not in manifest.splits:
@@ -48,37 +48,27 @@ def recapture_command(
         if name not in [entry.id for entry in entries]:
             raise unknown("sequence", name, allowed=[entry.id for entry in entries], where=str(dataset))
     entries = [entry for entry in entries if not sequence or entry.id in sequence]
-    target = folder or dataset / "cameras" / camera.name
-    if target.resolve() == dataset.resolve():
-        raise BadInput(f"--out is the dataset itself, {dataset}", allowed="another folder")
-    for entry in entries:
-        camera.check_replaceable(target / entry.split / f"{entry.id}.h5")
-    made, kept, failed = 0, 0, 0
+    target = folder or dataset / CAMERAS / camera.name
+    record_with(camera, dataset, manifest=manifest, entries=entries, target=target)
+
+
+def record_with(
+    camera: "OtherCamera", dataset: Path, *, manifest: "Manifest", entries: "list[SequenceEntry]", target: Path
+) -> None:
+    """Record sequences with another camera, and print what was made; raise typer.Exit(1) if one of them failed."""
+    from saf_gen.stack.other_cameras import recapture
+
+    def tell(line: str) -> None:
+        out.print(escape_controls(line), soft_wrap=True, markup=False)
+
     with progress_bars() as bars:
-        report = terminal_reporter("record", bars)
-        for number, entry in enumerate(entries):
-            report(number, len(entries), entry.id)
-            path = target / entry.split / f"{entry.id}.h5"
-            try:
-                with open_stream(dataset / entry.file) as stream:
-                    if camera.has_recorded(path, stream.content_sha256):
-                        kept += 1
-                        continue
-                    said = camera.record(stream, dataset / "stacks", path=path)
-            except BadInput as error:
-                print_error(f"{entry.id}: {error}", 1)
-                failed += 1
-                continue
-            made += 1
-            out.print(escape_controls(f"{entry.id}: {said}"), soft_wrap=True, markup=False)
-    _report(camera, target, made=made, kept=kept)
+        report = terminal_reporter(f"record with {camera.name}", bars)
+        done = recapture(dataset, entries, camera=camera, target=target, report=report, tell=tell)
+    for name, error in done.failed.items():
+        print_error(f"{name}: {error}", 1)
+    kept = f", {done.kept} kept" if done.kept else ""
+    tell(f"{plural(done.made, 'sequence')} recorded with {camera.name}{kept}: {target}")
     if next_command := camera.finish(dataset, manifest, target=target):
-        out.print(escape_controls(f"next: {next_command}"), soft_wrap=True, markup=False)
-    if failed:
+        tell(f"next: {next_command}")
+    if done.failed:
         raise typer.Exit(1)
-
-
-def _report(camera: "OtherCamera", target: Path, *, made: int, kept: int) -> None:
-    kept_words = f", {kept} kept" if kept else ""
-    done = f"{plural(made, 'sequence')} recorded with {camera.name}{kept_words}: {target}"
-    out.print(escape_controls(done), soft_wrap=True, markup=False)

@@ -90,8 +90,9 @@ class NoiseSettings(FrozenModel):
 class CameraSettings(FrozenModel):
     """The spike camera: its sensor, the number of readouts that it records, and its exposure."""
 
-    sensor: str
-    """Name of a sensor, or path of a sensor file (``.yaml``) relative to the recipe's folder."""
+    sensor: str | tuple[str, ...]
+    """Name of a sensor, or path of a sensor file (``.yaml``) relative to the recipe's folder; or a list of it and of
+    other cameras, which record every sequence again."""
     frames: int = Field(ge=16, le=10_000_000)
     """Number of readouts of each recording."""
     exposure: ExposureSettings
@@ -102,6 +103,26 @@ class CameraSettings(FrozenModel):
     """Law of saturation, for light that is too bright; by default as the sensor has it."""
     filter: Literal["none", "ir_cut"] | None = None
     """Filter in front of the sensor, for lights that state their ``spectrum``; by default as the sensor has it."""
+
+    @field_validator("sensor", mode="before")
+    @classmethod
+    def _check_names(cls, value: Any) -> Any:
+        names = [value] if isinstance(value, str) else value
+        if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
+            raise ValueError("a sensor, or a list of a spike camera's sensor and other cameras")
+        if len(set(names)) < len(names):
+            raise ValueError("each camera once")
+        return value if isinstance(value, str) else tuple(names)
+
+    @property
+    def spike_sensor(self) -> str:
+        """The sensor of the spike camera."""
+        return self.sensor if isinstance(self.sensor, str) else self.sensor[0]
+
+    @property
+    def other_cameras(self) -> tuple[str, ...]:
+        """The cameras that record every sequence again."""
+        return () if isinstance(self.sensor, str) else self.sensor[1:]
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_la
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
 from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.other_cameras import OtherCamera, find_camera
 from saf_gen.stack.picture_stack import PictureStack, StackCard, read_picture_stack
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
@@ -418,6 +419,8 @@ class ResolvedRecipe:
         Name and digest of the recipe's frozen benchmark, as streams store them; "" if it has none.
     part : tuple of int, default (1, 1)
         Shard (I, N) of these sequences that is requested, with I from 1 (:mod:`saf_gen.generate.shards`).
+    others : tuple of OtherCamera, default ()
+        Cameras that record every sequence again.
     """
 
     recipe: Recipe
@@ -427,6 +430,7 @@ class ResolvedRecipe:
     sensor: Sensor
     benchmark: str = ""
     part: tuple[int, int] = (1, 1)
+    others: tuple[OtherCamera, ...] = ()
 
     @property
     def pixel_frames(self) -> int:
@@ -486,6 +490,10 @@ def resolve_recipe(
     recipe, where = read_recipe(recipe_path), str(recipe_path)
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
     with located(where):
+        others = tuple(
+            find_camera(str(recipe_path.parent / name) if is_preset_file(name) else name)
+            for name in recipe.camera.other_cameras
+        )
         actuator = _read_actuator(recipe, Path(recipe_path).parent)
     scenes: dict[str, Scene | PictureStack] = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):
@@ -522,7 +530,7 @@ def resolve_recipe(
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
         check_colours(resolved, recipe)
     wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
-    found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part)
+    found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part, others=others)
     return replace(found, benchmark=_benchmark(found))
 
 
@@ -646,7 +654,7 @@ def _resolve_stacks(
 def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
     """Return the recipe's sensor, given by name or by the path of a file relative to the recipe's folder."""
     camera = recipe.camera
-    named = folder / camera.sensor if is_preset_file(camera.sensor) else camera.sensor
+    named = folder / camera.spike_sensor if is_preset_file(camera.spike_sensor) else camera.spike_sensor
     changes = {"reset": camera.reset, "saturation": camera.saturation, "filter": camera.filter}
     changes = {key: value for key, value in changes.items() if value is not None}
     return get_sensor(named, **changes, noise=camera.noise.model_dump(exclude_none=True))

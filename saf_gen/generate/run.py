@@ -458,7 +458,7 @@ def write_dataset_card(
     splits = Counter(entry.split for entry in manifest.sequences)
     text = PAGE.substitute(
         name=recipe.name,
-        sensor=recipe.camera.sensor,
+        sensor=recipe.camera.spike_sensor,
         count=len(manifest.sequences),
         splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
         frames=recipe.camera.frames,
@@ -478,8 +478,8 @@ def write_dataset_card(
     how = "photographed" if of_stacks else "rendered"
     described = (
         f"Spike-camera autofocus data, {how} and simulated: {plural(len(manifest.sequences), 'sequence')} of "
-        f"{recipe.camera.frames} frames, sensor {recipe.camera.sensor}, light {', '.join(recipe.lights)}. Scenes: "
-        f"{'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
+        f"{recipe.camera.frames} frames, sensor {recipe.camera.spike_sensor}, light {', '.join(recipe.lights)}. "
+        f"Scenes: {'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
         "position at every frame."
     )
     write_croissant(

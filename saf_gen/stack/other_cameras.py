@@ -8,7 +8,8 @@ import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from saf_gen.camera.events import EventSensor, event_sensor_names, get_event_sensor
@@ -20,12 +21,12 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.stack.event_capture import events_fingerprint, record_events
 from saf_gen.stack.recapture import recapture_fingerprint, record_photons
 from saf_gen.stream.event_file import check_replaceable, intact_digest
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest, write_manifest
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 RATE = 0.5
 """Share of the frames in which a single-photon array that chooses its exposure detects a photon of the target."""
-STACKS = "stacks"
+STACKS, CAMERAS = "stacks", "cameras"  # folders of a dataset
 
 
 class OtherCamera(ABC):
@@ -54,6 +55,69 @@ class OtherCamera(ABC):
     def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
         """Complete the folder ``target`` of recordings, and return the command to go on with, if there is one."""
         return ""
+
+
+@dataclass(frozen=True)
+class Recaptured:
+    """What came of recording sequences again: how many were made, how many kept, and the error of each that failed."""
+
+    made: int
+    kept: int
+    failed: dict[str, BadInput]
+
+
+def recapture(
+    dataset: Path,
+    entries: Sequence[SequenceEntry],
+    *,
+    camera: OtherCamera,
+    target: Path,
+    report: Callable[[int, int, str], None] = lambda done, total, name: None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> Recaptured:
+    """Record sequences of a dataset again; what is there and intact is kept.
+
+    Parameters
+    ----------
+    dataset : Path
+        Dataset folder with its stacks.
+    entries : sequence of SequenceEntry
+        The sequences.
+    camera : OtherCamera
+        The camera.
+    target : Path
+        Folder to write to.
+    report : callable, optional
+        Called with (sequences done, their number, the next one's id).
+    tell : callable, optional
+        Called with a line for each sequence that is recorded.
+
+    Raises
+    ------
+    BadInput
+        If ``target`` is the dataset, or anything would be replaced that such a camera did not record; nothing is
+        written then.
+    """
+    if target.resolve() == dataset.resolve():
+        raise BadInput(f"--out is the dataset itself, {dataset}", allowed="another folder")
+    paths = {entry.id: target / entry.split / f"{entry.id}.h5" for entry in entries}
+    for path in paths.values():
+        camera.check_replaceable(path)
+    made, kept, failed = 0, 0, {}
+    for number, entry in enumerate(entries):
+        report(number, len(entries), entry.id)
+        try:
+            with open_stream(dataset / entry.file) as stream:
+                if camera.has_recorded(paths[entry.id], stream.content_sha256):
+                    kept += 1
+                    continue
+                said = camera.record(stream, dataset / STACKS, path=paths[entry.id])
+        except BadInput as error:
+            failed[entry.id] = error
+            continue
+        made += 1
+        tell(f"{entry.id}: {said}")
+    return Recaptured(made, kept, failed)
 
 
 class _Events(OtherCamera):
