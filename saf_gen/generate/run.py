@@ -479,8 +479,8 @@ def write_dataset_card(
     described = (
         f"Spike-camera autofocus data, {how} and simulated: {plural(len(manifest.sequences), 'sequence')} of "
         f"{recipe.camera.frames} frames, sensor {recipe.camera.spike_sensor}, light {', '.join(recipe.lights)}. "
-        f"Scenes: {'; '.join(f'{card.id}, {card.title}' for card in cards)}. Each sequence holds its true focus and the lens "
-        "position at every frame."
+        f"Scenes: {'; '.join(f'{card.id}, {card.title}' for card in cards)}. "
+        "Each sequence holds its true focus and the lens position at every frame."
     )
     write_croissant(
         folder, manifest, facts=DatasetFacts(described, licences, responsible=PHOTOGRAPHS if of_stacks else SYNTHETIC)
