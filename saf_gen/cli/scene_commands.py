@@ -152,7 +152,7 @@ def _print_finding(finding: dict[str, str], as_json: bool) -> None:
 
 
 def show_scene_command(name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")]) -> None:
-    """Show a scene's card: lens, lights with their roles, target, parameters, motion, licence, and where its picture is."""
+    """Show a scene's card: lens, lights and roles, target, parameters, motion, licence, and where its picture is."""
     scene = _scene(name)
     card, picture = scene.card, scene.folder / "preview.png"
     lux, rate = card.illuminance_lux, card.slices_per_s

@@ -15,7 +15,7 @@ from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Light
 from saf_gen.plugins.lights._groups import ROLES
 from saf_gen.plugins.lights._lamps import PRODUCT, Schedule, list_lamps
-from saf_gen.plugins.lights._product import Product
+from saf_gen.plugins.lights._product import multiply
 
 COMMON_KEYS = {
     "offset": "Gain, 0 or more (0): constant light of the same group, which is added to the schedule.",
@@ -109,8 +109,8 @@ def build_light(component: Component) -> Light:
     Raises BadInput if the component is neither, or by a value that is not allowed.
     """
     if PRODUCT in component:
-        factors = tuple(build_light(factor) for factor in list_factors(component))
-        return scale_light(Product(factors), **{key: value for key, value in component.items() if key != PRODUCT})
+        light = multiply(map(build_light, list_factors(component)))
+        return scale_light(light, **{key: value for key, value in component.items() if key != PRODUCT})
     if "kind" not in component:
         raise BadInput("a light schedule has no kind", allowed="{kind: ..., ...}, or {product: [...]}")
     return get_light(component["kind"], **{key: value for key, value in component.items() if key != "kind"})
@@ -136,7 +136,7 @@ def list_factors(component: Component) -> list[Component]:
         one = isinstance(factors, dict) or (isinstance(factors, list) and len(factors) == 1)
         raise BadInput(
             f"the product is {factors!r}",
-            allowed="a list of at least two schedules, as in [{kind: ramp, from: 1, to: 2}, {kind: flicker, depth: 0.3}]",
+            allowed="a list of at least two schedules, [{kind: ramp, from: 1, to: 2}, {kind: flicker, depth: 0.3}]",
             hint="write a single schedule without product" if one else "",
         )
     for n, factor in enumerate(factors, start=1):

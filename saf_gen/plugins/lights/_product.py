@@ -1,5 +1,6 @@
 """The product of light schedules: one lamp under several of them, such as mains flicker while a dimmer turns."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import isfinite, prod
 
@@ -14,6 +15,23 @@ from saf_gen.plugins.lights.constant import Constant
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 BLOCK = 65_536  # pieces at a time, so that a long recording fits into memory
+
+
+def multiply(lights: Iterable[Light]) -> "Product":
+    """Return the product of light schedules.
+
+    Raises BadInput if one of them does not say its gain at a moment, as a schedule of users need not.
+    """
+    factors = []
+    for light in lights:
+        if not isinstance(light, LightFactor):
+            raise BadInput(
+                f"{light!r} cannot be a factor of a product: it does not say its gain at a moment",
+                allowed="schedules with the methods gain and breaks, as all have that come with saf_gen",
+                hint="add both methods to it: docs/how-to/add-a-plugin.md",
+            )
+        factors.append(light)
+    return Product(tuple(factors))
 
 
 @dataclass(frozen=True)
@@ -31,19 +49,10 @@ class Product:
     doi:10.1090/S0025-5718-69-99647-1.
     """
 
-    factors: tuple[Light, ...]
+    factors: tuple[LightFactor, ...]
     _tables: dict[float, tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-
-    def __post_init__(self) -> None:
-        for factor in self.factors:
-            if not isinstance(factor, LightFactor):
-                raise BadInput(
-                    f"{factor!r} cannot be a factor of a product: it does not say its gain at a moment",
-                    allowed="schedules with the methods gain and breaks, as all have that come with saf_gen",
-                    hint="add both methods to it: docs/how-to/add-a-plugin.md",
-                )
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds.

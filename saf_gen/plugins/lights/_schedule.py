@@ -45,7 +45,7 @@ from saf_gen.parts import Light
 from saf_gen.plugins.lights._gains import COMMON_KEYS, get_light, list_factors, scale_light
 from saf_gen.plugins.lights._groups import ROLES
 from saf_gen.plugins.lights._lamps import PRODUCT, Schedule
-from saf_gen.plugins.lights._product import Product
+from saf_gen.plugins.lights._product import multiply
 from saf_gen.plugins.lights.constant import Constant
 
 
@@ -145,8 +145,8 @@ def _read_product(component: Component, document: Document, *, keys: tuple[Key, 
     return {PRODUCT: read, **common}
 
 
-def _build_as_factor(kind: str, /, **options: Any) -> Product:
-    return Product((get_light(kind, **options),))
+def _build_as_factor(kind: str, /, **options: Any) -> Light:
+    return multiply([get_light(kind, **options)])
 
 
 def _with_table(spectrum: Any, document: Document, *, where: str) -> Any:
