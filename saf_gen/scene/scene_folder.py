@@ -288,7 +288,7 @@ def _read(folder: Path) -> Scene:
         _check_lens_names(card, document)
         read = {name: one.read_from(folder) if isinstance(one, LensFile) else one for name, one in card.lenses.items()}
         card = card.model_copy(update={"lenses": read})
-    check_groups(card.lights, card.roles, document)
+    check_groups(card.lights, document, roles=card.roles)
     if card.section is not None:
         has_script = geometry == [SCRIPT_FILE]
         check_section(card.section, document, lights=card.lights, target=card.target, has_script=has_script)

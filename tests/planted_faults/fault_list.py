@@ -199,8 +199,8 @@ FAULTS = {
         (
             Change(
                 "plugins.lights._product",
-                "gains *= _gains(factor, at, duration_s)",
-                "gains *= (0.5 * WEIGHTS) @ _gains(factor, at, duration_s)",
+                "gains *= _gains(factor, at, duration_s=duration_s)",
+                "gains *= (0.5 * WEIGHTS) @ _gains(factor, at, duration_s=duration_s)",
             ),
         ),
         (

@@ -15,17 +15,17 @@ ROLES = ("key", "fill", "ambient")
 """What a light group may be to its scene: the main light, a second light from elsewhere, the light from all around."""
 
 
-def check_groups(lights: Mapping[str, Sequence[str]], roles: Mapping[str, str], document: Document) -> None:
+def check_groups(lights: Mapping[str, Sequence[str]], document: Document, *, roles: Mapping[str, str]) -> None:
     """Check the light groups of a scene card.
 
     Parameters
     ----------
     lights : mapping of str to sequence of str
         Names of the emitters of each light group.
-    roles : mapping of str to str
-        Role of each light group, as the card states it; empty if it states none.
     document : Document
         The scene card, to locate errors.
+    roles : mapping of str to str
+        Role of each light group, as the card states it; empty if it states none.
 
     Raises
     ------
@@ -60,10 +60,10 @@ def check_groups(lights: Mapping[str, Sequence[str]], roles: Mapping[str, str], 
         if listed.count(emitter) > 1:
             raise BadInput(f"emitter {emitter!r} is in two light groups", where=document.locate("lights"))
     if roles:
-        _check_roles(lights, roles, document)
+        _check_roles(lights, roles, document=document)
 
 
-def _check_roles(lights: Mapping[str, Sequence[str]], roles: Mapping[str, str], document: Document) -> None:
+def _check_roles(lights: Mapping[str, Sequence[str]], roles: Mapping[str, str], *, document: Document) -> None:
     where = document.locate("roles")
     for group in roles:
         if group not in lights:

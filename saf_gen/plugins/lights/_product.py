@@ -71,7 +71,7 @@ class Product:
         edges, cumulative = self._table(duration_s)
         times = seconds.ravel()
         piece = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, len(edges) - 2)
-        since = self._integrals(edges[piece], times, duration_s)
+        since = self._integrals(edges[piece], times, duration_s=duration_s)
         return (level * (cumulative[piece] + since)).reshape(seconds.shape)
 
     def _table(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,11 +85,11 @@ class Product:
                     allowed=f"at most {MAX_PIECES:,}",
                 )
             edges = np.unique(np.concatenate(([0.0], within, [duration_s])))
-            pieces = self._integrals(edges[:-1], edges[1:], duration_s)
+            pieces = self._integrals(edges[:-1], edges[1:], duration_s=duration_s)
             self._tables[duration_s] = edges, np.concatenate(([0.0], np.cumsum(pieces)))
         return self._tables[duration_s]
 
-    def _integrals(self, begin: np.ndarray, end: np.ndarray, duration_s: float) -> np.ndarray:
+    def _integrals(self, begin: np.ndarray, end: np.ndarray, *, duration_s: float) -> np.ndarray:
         """Return the integral from each begin to each end (n,), between which no factor jumps or bends."""
         total = np.zeros(begin.size)
         for first in range(0, begin.size, BLOCK):
@@ -100,7 +100,7 @@ class Product:
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow raises BadInput below
                 for factor in self.factors:
                     if not isinstance(factor, Constant):
-                        gains *= _gains(factor, at, duration_s)
+                        gains *= _gains(factor, at, duration_s=duration_s)
             if not np.isfinite(gains).all():
                 raise _too_large()
             for weight, row in zip(WEIGHTS, gains, strict=True):  # in this order, whatever the number of times
@@ -113,7 +113,7 @@ def _too_large() -> BadInput:
     return BadInput("a product of gains is too large", allowed="products that float64 can hold")
 
 
-def _gains(factor: LightFactor, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+def _gains(factor: LightFactor, seconds: np.ndarray, *, duration_s: float) -> np.ndarray:
     """Return the gain of a factor at each time; raise BadInput below 0, as two such factors would make light."""
     gains = registry.sample_function(factor, factor.gain, seconds=seconds, duration_s=duration_s)
     if gains.size and not gains.min() >= -1e-9:
