@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import combinations
+from math import comb
 
 import numpy as np
 import pytest
@@ -121,6 +122,13 @@ def test_two_sines_beat():
     apart = product(flicker, {**flicker, "hz": 120.0}).integral(np.array(1.0), 1.0)
     against = product(flicker, {**flicker, "phase": np.pi}).integral(np.array(1.0), 1.0)
     assert [float(one) for one in (together, apart, against)] == pytest.approx([1.18, 1, 0.82], rel=1e-12)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 8])
+def test_many_swings_have_the_mean_of_a_binomial_coefficient(count):
+    """The mean of (1 + cos)ⁿ is (2n over n)/2ⁿ."""
+    light = product(*[{"kind": "flicker", "hz": 100.0, "depth": 1.0}] * count)
+    assert float(light.integral(np.array(1.0), 1.0)) == pytest.approx(comb(2 * count, count) / 2**count, rel=1e-12)
 
 
 def test_jumps_within_a_readout_count_in_proportion():

@@ -39,8 +39,8 @@ class Product:
     """The gain is the product of the gains of ``factors`` at each moment.
 
     It is integrated by Gauss-Legendre quadrature of ten nodes in each piece between two neighbouring breaks of any
-    factor. That is exact for the product of up to 19 straight lines, and right to 1e-11 for those of sines and decays,
-    as each factor's breaks are at most a quarter of its shortest period or four of its time constants apart. Constant
+    factor. That is exact for the product of up to 19 straight lines, and right to 1e-12 for that of eight sines, as the
+    breaks of each are at most a quarter of its shortest period apart, or four time constants of a decay. Constant
     factors are taken out first, so that the product of one schedule and constant light is exactly that schedule.
 
     References
