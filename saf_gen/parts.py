@@ -8,7 +8,7 @@ the members that are described here.
 import re
 from dataclasses import dataclass
 from inspect import cleandoc
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -38,6 +38,45 @@ class Light(Protocol):
         -------
         ndarray of float64, shape of ``seconds``
             Gain times seconds.
+        """
+        ...
+
+
+@runtime_checkable
+class LightFactor(Light, Protocol):
+    """A light schedule that may be a factor of a product, which multiplies gains at each moment."""
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time, 0 or more: the slope of the integral.
+
+        Parameters
+        ----------
+        seconds : ndarray of float64, any shape
+            Times in seconds, 0...duration_s, none of them a break.
+        duration_s : float
+            Length of the recording in seconds, above 0.
+
+        Returns
+        -------
+        ndarray of float64, shape of ``seconds``
+        """
+        ...
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the times at which the gain jumps or bends, and between which it is smooth.
+
+        Smooth means that a polynomial follows it to the last digits. Neighbours are therefore at most a quarter of the
+        shortest period apart, or four time constants of a decay. Times outside the recording are allowed.
+
+        Parameters
+        ----------
+        duration_s : float
+            Length of the recording in seconds, above 0.
+
+        Returns
+        -------
+        ndarray of float64, shape (N,)
+            Times in seconds, in any order.
         """
         ...
 

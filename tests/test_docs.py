@@ -42,6 +42,7 @@ from saf_gen.leaderboard.submission import SubmissionCard
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.parts import commands as commands_lens
 from saf_gen.plugins.lights import gains_at_readouts
+from saf_gen.plugins.lights._product import multiply
 from saf_gen.scene.scene_folder import SceneCard
 
 ROOT = HERE.parent
@@ -314,6 +315,8 @@ def test_the_light_schedule_shown_is_a_part(tmp_path):
     (part,) = (v for v in space.values() if is_dataclass(v) and isinstance(v, type))
     gains = gains_at_readouts(part(after_s=0.02), 400, readout_hz=20_000)
     assert gains == pytest.approx(np.exp(-(np.arange(400) + 0.5) / 20_000 / 0.02), rel=1e-4)
+    squared = gains_at_readouts(multiply([part(after_s=0.02), part(after_s=0.02)]), 400, readout_hz=20_000)
+    assert squared == pytest.approx(np.exp(-(np.arange(400) + 0.5) / 20_000 / 0.01), rel=1e-4)
 
 
 # --- what is run -------------------------------------------------------------------------------------

@@ -32,6 +32,7 @@ def list_scenes_command(*, as_json: AsJson = False) -> None:
         Column("scene", "id"),
         Column("title", "title", folds=True),
         Column("light groups", "lights", ", ".join, folds=True),
+        Column("roles", lambda card: ", ".join(card.light_roles.values()), folds=True),
         Column("lens", "lens.summary", folds=True),
         Column("licence", "licence", detail=1),
     ]
@@ -151,11 +152,12 @@ def _print_finding(finding: dict[str, str], as_json: bool) -> None:
 
 
 def show_scene_command(name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")]) -> None:
-    """Show a scene's card: lens, light groups, target, parameters, motion, licence, and where its picture is."""
+    """Show a scene's card: lens, lights and roles, target, parameters, motion, licence, and where its picture is."""
     scene = _scene(name)
     card, picture = scene.card, scene.folder / "preview.png"
     lux, rate = card.illuminance_lux, card.slices_per_s
-    lights = (f"{light} ({lux[light]:g} lux)" if light in lux else light for light in card.lights)
+    roles = card.light_roles.items()
+    lights = (f"{light} ({role}, {lux[light]:g} lux)" if lux else f"{light} ({role})" for light, role in roles)
     facts = {
         "title": card.title,
         "lens": card.lens.summary,

@@ -24,11 +24,11 @@ from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_sche
 from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
-from saf_gen.core.spectrum import FORMS, NAMES
 from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.generate.light_schema import define_lights
 from saf_gen.generate.sealing import SealedSeed, open_seed
 from saf_gen.optics import AxialColour
-from saf_gen.plugins.lights import COMMON_KEYS, UNITS, read_schedule, states_spectrum
+from saf_gen.plugins.lights import read_schedule, states_spectrum
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 
@@ -344,8 +344,8 @@ class Recipe(FrozenModel):
     focus: FocusSettings
     render: RenderSettings
     lights: dict[str, Annotated[dict[str, Any] | list[Any], BeforeValidator(_check_schedule)]] = Field(min_length=1)
-    """Light schedules by name, each ``{kind: …}`` for all light groups, or one for each light group by its name; a list
-    of schedules adds up."""
+    """Light schedules by name, each ``{kind: …}`` for all light groups, or one for each light group by its name or its
+    role; a list of schedules adds up, ``{product: […]}`` multiplies them."""
     splits: dict[str, SplitSettings] = Field(min_length=1)
     """Sequences of each split, by the name of the split."""
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
@@ -482,53 +482,10 @@ def _check_name(what: str, name: str, *, where: str) -> None:
         )
 
 
-SPECTRUM: Schema = {"$ref": "#/$defs/Spectrum"}
-SPECTRA: list[Schema] = [
-    {"enum": list(NAMES)},
-    *(
-        {
-            "type": "object",
-            "properties": {form: {"type": "number", "minimum": low, "maximum": high}},
-            "required": [form],
-            "additionalProperties": False,
-        }
-        for form, (low, high) in FORMS.items()
-    ),
-    {"type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"], "additionalProperties": False},
-]
-COMMON: dict[str, Schema] = {
-    "offset": {"type": "number", "minimum": 0},
-    "unit": {"enum": list(UNITS)},
-    "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
-    "spectrum": {
-        "anyOf": [
-            SPECTRUM,
-            {
-                "type": "object",
-                "properties": {"from": SPECTRUM, "to": SPECTRUM},
-                "required": ["from", "to"],
-                "additionalProperties": False,
-            },
-        ]
-    },
-}
-"""Schemas of the keys that every light schedule accepts."""
-
-
 def recipe_schema() -> Schema:
     """Return the JSON Schema (draft 2020-12) of a recipe, with every registered light schedule and lens motion."""
     schema = model_schema(Recipe, "saf_gen recipe")
-    schema["$defs"]["Spectrum"] = {"anyOf": SPECTRA}
-    common = {key: {"anyOf": [COMMON[key], OPEN], "description": text} for key, text in COMMON_KEYS.items()}
-    light = define_schema(schema, "lights", common=common)
-    several = {"type": "array", "minItems": 1, "items": light, "description": "Schedules whose lights add up."}
-    by_group = {
-        "type": "object",
-        "description": "A schedule for each light group by its name; a group that is not named stays at gain 1.",
-        "not": {"anyOf": [{"required": [key]} for key in ("kind", "choice")]},
-        "additionalProperties": {"anyOf": [light, several]},
-    }
-    schema["properties"]["lights"]["additionalProperties"] = {"anyOf": [light, several, by_group]}
+    schema["properties"]["lights"]["additionalProperties"] = define_lights(schema)
     schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
     _add_stacks(schema)
     exposure, motions = schema["$defs"]["ExposureSettings"]["properties"], define_schema(schema, "motions")

@@ -24,6 +24,7 @@ from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_ex
 from saf_gen.errors import BadInput, closest, located, unknown
 from saf_gen.generate.colours import axial_colour, check_colours, find_bands, find_margin, in_bands, missing_colours
 from saf_gen.generate.lens_course import lens_course
+from saf_gen.generate.light_roles import missing_roles
 from saf_gen.generate.recipe import Recipe, StackRecipe, find_recipe, read_recipe
 from saf_gen.optics.actuators import Actuator, get_actuator
 from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps
@@ -47,6 +48,8 @@ class SceneFamily:
         Whether anything in the scene moves.
     illuminance_lux : mapping of str to float
         Illuminance of the target at gain 1, by light group.
+    roles : mapping of str to str
+        Role of each light group.
     axial_colour : mapping or None
         Axial colour of the lens, as the card states it.
     bands_nm : tuple of float
@@ -56,6 +59,7 @@ class SceneFamily:
     params: Mapping[str, Any] = field(default_factory=dict)
     moves: bool = False
     illuminance_lux: Mapping[str, float] = field(default_factory=dict)
+    roles: Mapping[str, str] = field(default_factory=dict)
     axial_colour: Mapping[str, Any] | None = None
     bands_nm: tuple[float, ...] = ()
 
@@ -261,7 +265,10 @@ def _draw_sequence(
     # All lights have the same lens motion, so that they can be compared and share the stacks of a moving scene.
     under_any_light = (recipe.seed, split, "-".join([scene, scene_motion, f"{repeat:02d}"]))
     member = repeat if settings.members else repeat % settings.variants
-    schedule = draw_schedule(recipe.lights[light], stream, illuminance_lux=family.illuminance_lux)
+    with located("", prefix=f"light {light!r} on {scene}: "):
+        schedule = draw_schedule(
+            recipe.lights[light], stream, illuminance_lux=family.illuminance_lux, roles=family.roles
+        )
     coloured = any(lamp.spectrum for lamp in list_lamps(schedule, tuple(schedule)))
     return PlannedSequence(
         id=name,
@@ -511,6 +518,7 @@ def resolve_recipe(
                 scene.card.params,
                 scene.card.slices_per_s is not None,
                 scene.card.illuminance_lux,
+                scene.card.light_roles,
                 _axial_colour(recipe, scene),
                 find_bands(recipe, scene) if isinstance(scene, Scene) else (),
             )
@@ -721,14 +729,17 @@ focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
     """Return a line for each scene with too few focus positions, fewer time slices than its card states, or light whose
-    colours its pictures do not wholly show; of stacks that were photographed, what is known of them.
+    colours its pictures do not wholly show, and for each role that a light means and scenes lack; of stacks that were
+    photographed, what is known of them.
     """
+    roles = missing_roles(resolved.sequences, resolved.recipe.lights)
     photographed = [
         line for scene in resolved.scenes.values() if isinstance(scene, PictureStack) for line in scene.remarks
     ]
     if photographed:
-        return photographed
-    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *missing_colours(resolved.sequences)]
+        return [*photographed, *roles]
+    colours = missing_colours(resolved.sequences)
+    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *colours, *roles]
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:

@@ -30,7 +30,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.live.source import SENSOR, open_capture
 from saf_gen.optics.actuators import ActuatedLens, get_actuator
 from saf_gen.parts import commands
-from saf_gen.plugins.lights import gains_at_readouts, get_light
+from saf_gen.plugins.lights import PRODUCT, build_light, gains_at_readouts
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
@@ -240,7 +240,8 @@ class LiveCamera:
         Parameters
         ----------
         schedule : mapping or None
-            A schedule as a recipe states it, such as ``{"kind": "flicker", "hz": 100}``; None for constant light.
+            A schedule as a recipe states it for all lamps, such as ``{"kind": "flicker", "depth": 0.3}`` or
+            ``{"product": [...]}``; None for constant light.
         seconds : float, default 1.0
             Duration of the schedule in the time of the camera, above 0 and at most 60; it is repeated.
 
@@ -251,9 +252,11 @@ class LiveCamera:
         """
         if not 0 < seconds <= 60:
             raise BadInput(f"a schedule of {seconds!r} s", allowed="above 0, at most 60")
-        options = {"kind": "constant", **(schedule or {})}
+        component = dict(schedule or {})
+        if PRODUCT not in component:
+            component.setdefault("kind", "constant")
         frames = max(round(seconds * self.readout_hz), 1) if schedule else 1
-        light = get_light(str(options.pop("kind")), **options)
+        light = build_light(component)
         curve = gains_at_readouts(light, frames, readout_hz=self.readout_hz).astype(np.float64)
         self._curve = np.roll(curve, self.readouts % frames)
 

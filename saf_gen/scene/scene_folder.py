@@ -10,7 +10,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -23,7 +23,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.optics import Drive
 from saf_gen.optics.lens_card import LensCard, LensFile
 from saf_gen.optics.lens_file.fitted_file import shipped_text
-from saf_gen.plugins.lights import check_groups
+from saf_gen.plugins.lights import check_groups, default_roles
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
 from saf_gen.scene.library import library_module
@@ -34,7 +34,7 @@ CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
 LENS_PARAMETER = "lens"
 """Parameter that names the lens of a member, if the card has ``lenses``."""
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
-    "title licence source library illuminance_lux params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
+    "title licence source library illuminance_lux roles params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
 )
 """Keys of a card that the digest leaves out, because they change no pixel, because a stack records them separately
 (``params`` and the time), or because their files are digested instead (``library``)."""
@@ -95,6 +95,10 @@ class SceneCard(FrozenModel):
     lights: dict[str, tuple[str, ...]] = Field(min_length=1)
     """Emitters that are switched together, by light group. The name of a group consists of lower-case letters, digits,
     ``-``, ``_``."""
+    roles: dict[str, Literal["key", "fill", "ambient"]] = Field(default_factory=dict)
+    """Role of each light group, by which recipes reach the lights of any scene: ``key``, the main light, at least one
+    group; ``fill``, a second light from elsewhere; ``ambient``, the light from all around. By default the first group
+    is the key, and the others are ambient; a group that is called like a role has it."""
     section: SectionCard | None = None
     """Makes the scene a thin section, lit from below, whose pictures are computed by waves; ``lights`` then groups its
     condensers."""
@@ -122,6 +126,11 @@ class SceneCard(FrozenModel):
         if lux and not (set(lux) == set(self.lights) and all(value > 0 for value in lux.values())):
             raise ValueError(f"illuminance_lux above 0 for each of {', '.join(self.lights)}, or for none")
         return self
+
+    @property
+    def light_roles(self) -> dict[str, str]:
+        """Role of each light group in the order of the card, by default if the card states none."""
+        return {group: self.roles[group] for group in self.lights} if self.roles else default_roles(self.lights)
 
     def estimate_interpolation_error(self, slices_per_s: float) -> float | None:
         """Return ``interpolation_error`` at another number of slices per second, or None if the card lacks it."""
@@ -279,7 +288,7 @@ def _read(folder: Path) -> Scene:
         _check_lens_names(card, document)
         read = {name: one.read_from(folder) if isinstance(one, LensFile) else one for name, one in card.lenses.items()}
         card = card.model_copy(update={"lenses": read})
-    check_groups(card.lights, document)
+    check_groups(card.lights, document, roles=card.roles)
     if card.section is not None:
         has_script = geometry == [SCRIPT_FILE]
         check_section(card.section, document, lights=card.lights, target=card.target, has_script=has_script)

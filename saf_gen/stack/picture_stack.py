@@ -52,6 +52,7 @@ class StackCard:
     title: str
     licence: str
     lights: tuple[str, ...] = ("light",)
+    light_roles: Mapping[str, str] = field(default_factory=lambda: {"light": "key"})
     illuminance_lux: Mapping[str, float] = field(default_factory=dict)
     slices_per_s: None = None
     params: Mapping[str, Any] = field(default_factory=dict)

@@ -18,11 +18,11 @@ import yaml
 from saf_gen.camera import start_camera
 from saf_gen.camera.spad import SpadSensor
 from saf_gen.camera.spad.sensor import exposure_for
-from saf_gen.core.config.components import Component
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
-from saf_gen.plugins.lights import get_light, list_lamps
+from saf_gen.parts import Light
+from saf_gen.plugins.lights import build_light, list_lamps
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import TimeResolvedStack
@@ -168,16 +168,16 @@ def light_integrals(
     """
     try:
         schedule = load_plain_json(stream.metadata.provenance["sequence"])["schedule"]
-        lamps = list_lamps(schedule, groups)
-    except (KeyError, TypeError, ValueError) as error:
+        components = [lamp.component for lamp in list_lamps(schedule, groups)]
+        lights = [None if component is None else build_light(component) for component in components]
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise BadInput(
             "the stream does not say how its light changed", where=str(stream.path), hint="saf-gen generate makes such"
         ) from error
 
-    def integral(component: Component | None) -> Callable[[np.ndarray], np.ndarray]:
-        if component is None:
+    def integral(light: Light | None) -> Callable[[np.ndarray], np.ndarray]:
+        if light is None:
             return lambda at: np.asarray(at, np.float64)
-        light = get_light(component["kind"], **{k: v for k, v in component.items() if k != "kind"})
         return lambda at: light.integral(at, duration_s)
 
-    return [integral(lamp.component) for lamp in lamps]
+    return [integral(light) for light in lights]

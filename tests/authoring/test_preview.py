@@ -254,7 +254,7 @@ def test_show_says_what_a_scene_is_and_where_its_picture_is(call):
     assert code == 0
     for text in (
         "lens 35 mm f/1.2",
-        "light groups lamp (1250 lux), daylight (800 lux)",
+        "light groups lamp (key, 1250 lux), daylight (fill, 800 lux)",
         "target target_body, target_hub",
         "blades one of 3, 4, 5; phase_deg 0 to 360",
         "moves yes, 625 slices per second",

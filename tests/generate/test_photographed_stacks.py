@@ -102,6 +102,13 @@ def test_the_digest_follows_the_pictures_and_nothing_is_taken_in_after_they_chan
     assert_says(next(iter(found.failed.values())), "the pictures have changed | run saf-gen generate again")
 
 
+def test_the_light_of_a_stack_is_its_key(made):
+    light = "{key: {kind: flicker, depth: 0.3}, ambient: {kind: constant}}"
+    resolved = resolve_recipe(made(("constant: {kind: constant}", f"constant: {light}")))
+    assert set(resolved.sequences[0].planned.schedule) == {"light"}
+    assert "dots has no light with the role ambient" in coarse_sampling(resolved)[-1]
+
+
 def test_a_recipe_of_stacks_needs_no_renderer(made, tmp_path):
     code = (
         "import sys; sys.modules['mitsuba'] = sys.modules['drjit'] = None\n"

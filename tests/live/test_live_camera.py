@@ -77,6 +77,10 @@ def test_lamps_dim_and_follow_schedules(still):
     counts = [int(camera.read(200).sum()) for _ in range(4)]
     assert counts[1] > 2.5 * counts[0] > counts[2]
     assert counts[3] > 2.5 * counts[2]
+    half = {"kind": "constant", "level": 0.5}
+    camera.play({"product": [{"kind": "steps", "every_s": 0.01, "levels": [2.0, 8.0]}, half]}, seconds=0.02)
+    halved = [int(camera.read(200).sum()) for _ in range(4)]
+    assert halved == pytest.approx(counts, rel=0.1)
     camera.play(None)
     camera.read(8)
     assert int(camera.read(400).sum()) == pytest.approx(dim, rel=0.1)
@@ -144,6 +148,7 @@ def test_the_same_calls_give_the_same_counts_and_another_seed_others(still):
         (lambda c: c.dim("lmp", 1), "unknown lamp 'lmp'; allowed: lamp, room; did you mean 'lamp'"),
         (lambda c: c.dim("lamp", -1), "the gain of lamp 'lamp' is -1; allowed: 0 to 100"),
         (lambda c: c.play({"kind": "flickr"}), "did you mean 'flicker'"),
+        (lambda c: c.play({"product": [{"kind": "constant"}]}), "allowed: a list of at least two schedules"),
         (lambda c: c.play({"kind": "ramp"}, seconds=0), "a schedule of 0 s; allowed: above 0, at most 60"),
         (lambda c: c.score("sdd", 100), "unknown focus measure 'sdd'"),
         (lambda c: c.score("sd"), "nothing has been read yet"),

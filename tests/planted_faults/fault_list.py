@@ -167,7 +167,7 @@ FAULTS = {
         "The gain of a readout is that of its first instant, not the mean over the readout.",
         (
             Change(
-                "plugins.lights._schedule",
+                "plugins.lights._gains",
                 "gains = np.diff(integral) * readout_hz",
                 "after = registry.sample_function(\n"
                 "        light, light.integral, seconds=edges[:-1] + 1e-3 / readout_hz, duration_s=edges[-1]\n"
@@ -178,6 +178,34 @@ FAULTS = {
         (
             "plugins/test_lights.py::test_gains_are_means_over_readouts_however_finely_time_is_cut",
             "plugins/test_lights.py::test_a_step_within_a_readout_counts_in_proportion",
+        ),
+    ),
+    "jumps of one factor": Fault(
+        "A product of light schedules is cut at the jumps and bends of its first factor alone.",
+        (
+            Change(
+                "plugins.lights._product",
+                "[_breaks(factor, duration_s) for factor in self.factors]",
+                "[_breaks(factor, duration_s) for factor in self.factors[:1]]",
+            ),
+        ),
+        (
+            "plugins/test_light_products.py::test_jumps_within_a_readout_count_in_proportion",
+            "plugins/test_light_products.py::test_factors_may_be_written_in_any_order",
+        ),
+    ),
+    "means multiplied": Fault(
+        "A product of light schedules multiplies means of its factors over a piece, not gains at each moment.",
+        (
+            Change(
+                "plugins.lights._product",
+                "gains *= _gains(factor, at, duration_s=duration_s)",
+                "gains *= (0.5 * WEIGHTS) @ _gains(factor, at, duration_s=duration_s)",
+            ),
+        ),
+        (
+            "plugins/test_light_products.py::test_a_ramp_times_a_sine_has_its_closed_form",
+            "plugins/test_light_products.py::test_two_sines_beat",
         ),
     ),
     "a group twice": Fault(

@@ -22,3 +22,11 @@ class Constant:
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
         return self.level * np.asarray(seconds, dtype=np.float64)
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        return np.full(np.shape(seconds), self.level, dtype=np.float64)
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the times at which the gain jumps or bends: none, in seconds."""
+        return np.empty(0)

@@ -44,6 +44,21 @@ class Flash:
         # The shape is the difference of two decays: one at rate 1/decay_s, one at rate 1/decay_s + 1/rise_s.
         both_s = self.rise_s * self.decay_s / (self.rise_s + self.decay_s)
         area = both_s * np.expm1(-since / both_s) - self.decay_s * np.expm1(-since / self.decay_s)
+        return self.base * seconds + (self.peak - self.base) / self._highest() * area
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        since = np.maximum(np.asarray(seconds, dtype=np.float64) - self.at_s, 0.0)
+        shape = -np.expm1(-since / self.rise_s) * np.exp(-since / self.decay_s)
+        return self.base + (self.peak - self.base) / self._highest() * shape
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the beginning of the flash, and times between which it decays by e⁴ at most, in seconds."""
+        both_s = self.rise_s * self.decay_s / (self.rise_s + self.decay_s)
+        decays = 4.0 * np.arange(11)  # to e⁻⁴⁰ of the flash, after which float64 has only the base
+        return self.at_s + np.concatenate([both_s * decays, self.decay_s * decays])
+
+    def _highest(self) -> float:
+        """Return the height of the unscaled shape."""
         q = self.decay_s / self.rise_s
-        highest = q / (1 + q) * exp(-log1p(q) / q)
-        return self.base * seconds + (self.peak - self.base) / highest * area
+        return q / (1 + q) * exp(-log1p(q) / q)

@@ -6,6 +6,7 @@ from math import inf, isfinite
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.plugins.lights._breaks import repeated_breaks
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,19 @@ class Flicker:
             turned = np.sin(n * (omega * seconds + self.phase)) - np.sin(n * self.phase)
             wave += amplitude * turned / (n * omega)
         return self.level * (seconds + self._scale() * wave)
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        turned = 2 * np.pi * self.hz * np.asarray(seconds, dtype=np.float64) + self.phase
+        wave = np.zeros_like(turned)
+        for n, amplitude in enumerate(self.harmonics, start=1):
+            wave += amplitude * np.cos(n * turned)
+        return self.level * (1 + self._scale() * wave)
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return times a quarter of the shortest period apart, in seconds."""
+        highest = max(n for n, amplitude in enumerate(self.harmonics, start=1) if amplitude)
+        return repeated_breaks(0.25 / (highest * self.hz), duration_s)
 
     def _scale(self) -> float:
         """Return the factor s for which gains from 1 + s·low to 1 + s·high have the modulation depth ``depth``."""

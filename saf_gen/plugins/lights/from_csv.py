@@ -36,3 +36,13 @@ class FromCsv:
         """Return the integral of the gain from 0 to each time, in seconds."""
         times, gains = parse_csv(self.file, ("time_s", "gain"))
         return integrate_gain(seconds, times=times, gains=gains)
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        times, gains = parse_csv(self.file, ("time_s", "gain"))
+        return np.interp(seconds, times, gains)
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the times of the table, in seconds."""
+        times, _ = parse_csv(self.file, ("time_s", "gain"))
+        return times

@@ -6,6 +6,7 @@ from math import inf, isfinite
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.plugins.lights._breaks import repeated_breaks
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,17 @@ class Pwm:
         start = np.asarray(self.phase / (2 * np.pi))
         on = (self._periods_on(seconds * self.hz + start) - self._periods_on(start)) / self.hz
         return self.low * seconds + (self.high - self.low) * on
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        periods = np.asarray(seconds, dtype=np.float64) * self.hz + self.phase / (2 * np.pi)
+        return np.where(periods - np.floor(periods) < self.duty, self.high, self.low)
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the times at which the light is switched on or off, in seconds."""
+        start = self.phase / (2 * np.pi) % 1
+        on = repeated_breaks(1 / self.hz, duration_s, first_s=-start / self.hz)
+        return np.concatenate([on, on + self.duty / self.hz])
 
     def _periods_on(self, periods: np.ndarray) -> np.ndarray:
         """Return the time for which the light is on during the first ``periods`` periods, in periods."""

@@ -35,3 +35,12 @@ class Ramp:
         moving = np.minimum(seconds, length)
         slope = (self.to - self.from_) / length
         return self.from_ * moving + 0.5 * slope * moving**2 + self.to * (seconds - moving)
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        length = duration_s if self.over_s is None else self.over_s
+        return np.interp(seconds, [0.0, length], [self.from_, self.to])
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the end of the change, at which the gain bends, in seconds."""
+        return np.array([duration_s if self.over_s is None else self.over_s])

@@ -52,6 +52,20 @@ class RandomWalk:
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
+        times, gains = self._points(duration_s)
+        return integrate_gain(seconds, times=times, gains=gains)
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        times, gains = self._points(duration_s)
+        return np.interp(seconds, times, gains)
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the times of the points of the walk, in seconds."""
+        return self._points(duration_s)[0]
+
+    def _points(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the times and gains (N,) of the points between which the gain is linear."""
         times = np.arange(int(np.ceil(duration_s / STEP_S)) + 2) * STEP_S
         draws = make_generator("random_walk", self.seed).standard_normal(len(times))
         if self.return_s is None:
@@ -60,7 +74,7 @@ class RandomWalk:
         else:
             walk = self.sd * _stationary_walk(draws, float(np.exp(-STEP_S / self.return_s)))
             variance = np.full_like(times, self.sd**2)
-        return integrate_gain(seconds, times=times, gains=self.level * np.exp(walk - variance / 2))
+        return times, self.level * np.exp(walk - variance / 2)
 
 
 def _stationary_walk(draws: np.ndarray, kept: float) -> np.ndarray:

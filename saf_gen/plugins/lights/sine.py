@@ -6,6 +6,7 @@ from math import inf, isfinite
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.plugins.lights._breaks import repeated_breaks
 
 
 @dataclass(frozen=True)
@@ -37,3 +38,12 @@ class Sine:
         omega = 2 * np.pi * self.hz
         swung = (np.cos(self.phase) - np.cos(omega * seconds + self.phase)) / omega
         return self.level * (seconds + self.swing * swung)
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        wave = np.sin(2 * np.pi * self.hz * np.asarray(seconds, dtype=np.float64) + self.phase)
+        return self.level * (1 + self.swing * wave)
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return times a quarter of a period apart, in seconds."""
+        return repeated_breaks(0.25 / self.hz, duration_s)

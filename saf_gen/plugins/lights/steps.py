@@ -6,6 +6,7 @@ from math import inf
 import numpy as np
 
 from saf_gen.errors import BadInput
+from saf_gen.plugins.lights._breaks import repeated_breaks
 
 SHORTEST_S = 1e-6  # a readout at 1 MHz; cameras would record only the mean of shorter steps
 
@@ -35,3 +36,12 @@ class Steps:
         levels = np.resize(np.asarray(self.levels, dtype=np.float64), count)
         knots = np.arange(count + 1) * self.every_s
         return np.interp(seconds, knots, np.concatenate(([0.0], np.cumsum(levels) * self.every_s)))
+
+    def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
+        """Return the gain at each time."""
+        taken = np.floor(np.asarray(seconds, dtype=np.float64) / self.every_s).astype(np.int64) % len(self.levels)
+        return np.asarray(self.levels, dtype=np.float64)[taken]
+
+    def breaks(self, duration_s: float) -> np.ndarray:
+        """Return the times of the changes, in seconds."""
+        return repeated_breaks(self.every_s, duration_s)
