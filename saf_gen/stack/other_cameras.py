@@ -1,7 +1,7 @@
 """Cameras that record the sequences of a dataset again: event cameras and single-photon arrays.
 
-Events have a file format of their own. Single photons are streams, whose folder becomes a dataset: all that evaluates
-a dataset evaluates it.
+Single photons are streams, events have a file format of their own; the folder of either becomes a dataset, whose
+recordings can be judged.
 """
 
 import hashlib
@@ -9,8 +9,9 @@ import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from saf_gen.camera.events import EventSensor, event_sensor_names, get_event_sensor
 from saf_gen.camera.spad import SpadSensor, get_spad_sensor, spad_sensor_names
@@ -20,7 +21,7 @@ from saf_gen.core.files import refuse_link
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stack.event_capture import events_fingerprint, record_events
 from saf_gen.stack.recapture import recapture_fingerprint, record_photons
-from saf_gen.stream.event_file import check_replaceable, intact_digest
+from saf_gen.stream.event_file import FINGERPRINT, check_replaceable, intact_digest, open_events
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -52,9 +53,40 @@ class OtherCamera(ABC):
     def record(self, stream: SpikeStream, stacks: Path, *, path: Path) -> str:
         """Record a sequence into ``path`` and return what to say of it; raise BadInput if that cannot be."""
 
+    @abstractmethod
+    def recorded(self, path: Path, content_sha256: str) -> tuple[int, str, str] | None:
+        """Return frames, content_sha256 and fingerprint of this camera's recording of a sequence, if it is there."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Return all that determines what the camera records, as plain data."""
+
     def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
-        """Complete the folder ``target`` of recordings, and return the command to go on with, if there is one."""
-        return ""
+        """Write the manifest of all that this camera has recorded in ``target``, and a link to the stacks.
+
+        Return the command to go on with, or '' if there is nothing. Raises BadInput if the folder holds another
+        dataset.
+        """
+        name = f"{manifest.name}_{self.name}"
+        if (target / MANIFEST_NAME).exists() and (held := read_manifest(target)).name != name:
+            raise BadInput(f"{target} holds the dataset {held.name!r}", allowed=name, hint="choose another --out")
+        entries = []
+        for entry in manifest.sequences:
+            file = f"{entry.split}/{entry.id}.h5"
+            if found := self.recorded(target / file, entry.content_sha256):
+                frames, content, fingerprint = found
+                entries.append(
+                    replace(entry, file=file, frames=frames, content_sha256=content, fingerprint=fingerprint)
+                )
+        if not entries:
+            return ""
+        made = json.dumps([manifest.recipe_fingerprint, self.describe()], sort_keys=True)
+        recipe = hashlib.sha256(made.encode()).hexdigest()
+        write_manifest(target, replace(manifest, name=name, recipe_fingerprint=recipe, sequences=tuple(entries)))
+        stacks = target / STACKS
+        if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
+            stacks.symlink_to(os.path.relpath(dataset / STACKS, target), target_is_directory=True)
+        return read_manifest(target).next_command(target)
 
 
 @dataclass(frozen=True)
@@ -134,6 +166,19 @@ class _Events(OtherCamera):
         count, digest = record_events(stream, stacks, sensor=self._sensor, path=path)
         return f"{count:,} events, sha256 {digest[:16]}"
 
+    def recorded(self, path: Path, content_sha256: str) -> tuple[int, str, str] | None:
+        wanted = events_fingerprint(content_sha256, self._sensor)
+        try:
+            with open_events(path) as events:
+                if events.metadata.provenance.get(FINGERPRINT) != wanted:
+                    return None
+                return events.shape[0], events.content_sha256, wanted
+        except BadInput:
+            return None
+
+    def describe(self) -> dict[str, Any]:
+        return {"sensor": asdict(self._sensor)}
+
 
 class _Photons(OtherCamera):
     def __init__(self, sensor: SpadSensor, *, rate: float | None) -> None:
@@ -169,28 +214,12 @@ class _Photons(OtherCamera):
         exposure = f"{exposed.exposure_s * 1e6:.4g} µs of {1e6 / exposed.readout_hz:.4g}"
         return f"{frames:,} frames, open for {exposure}, sha256 {digest[:16]}"
 
-    def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
-        """Write the manifest of all that this camera has recorded there, and a link to the stacks."""
-        name = f"{manifest.name}_{self.name}"
-        if (target / MANIFEST_NAME).exists() and (held := read_manifest(target)).name != name:
-            raise BadInput(f"{target} holds the dataset {held.name!r}", allowed=name, hint="choose another --out")
-        entries = []
-        for entry in manifest.sequences:
-            file = f"{entry.split}/{entry.id}.h5"
-            if found := self._digest(target / file, entry.content_sha256, verify=False):
-                fingerprint = recapture_fingerprint(entry.content_sha256, self._sensor, rate=self._rate)
-                entries.append(
-                    replace(entry, file=file, frames=found[0], content_sha256=found[1], fingerprint=fingerprint)
-                )
-        if not entries:
-            return ""
-        made = json.dumps([manifest.recipe_fingerprint, self._sensor.as_dict(), self._rate], sort_keys=True)
-        recipe = hashlib.sha256(made.encode()).hexdigest()
-        write_manifest(target, replace(manifest, name=name, recipe_fingerprint=recipe, sequences=tuple(entries)))
-        stacks = target / STACKS
-        if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
-            stacks.symlink_to(os.path.relpath(dataset / STACKS, target), target_is_directory=True)
-        return read_manifest(target).next_command(target)
+    def recorded(self, path: Path, content_sha256: str) -> tuple[int, str, str] | None:
+        found = self._digest(path, content_sha256, verify=False)
+        return found and (*found, recapture_fingerprint(content_sha256, self._sensor, rate=self._rate))
+
+    def describe(self) -> dict[str, Any]:
+        return {"sensor": self._sensor.as_dict(), "rate": self._rate}
 
 
 def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:

@@ -18,8 +18,8 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.errors import BadInput, closest, escape_controls
+from saf_gen.stream.event_recording import open_recording
 from saf_gen.stream.metadata import Metadata
-from saf_gen.stream.stream_file import open_stream
 
 MANIFEST_NAME = "manifest.json"
 FORMAT = "saf-gen dataset"
@@ -140,7 +140,7 @@ def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntr
 
     Raises BadInput if it is missing, damaged or differs from ``entry``.
     """
-    with open_stream(find_path(folder) / entry.file) as stream:
+    with open_recording(find_path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
             raise BadInput(

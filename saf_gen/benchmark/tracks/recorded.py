@@ -28,10 +28,11 @@ from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.plugins.searches import REJECT
+from saf_gen.stream.event_recording import Recording, open_recording
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
-from saf_gen.stream.stream_file import SpikeStream, open_stream
+from saf_gen.stream.stream_file import SpikeStream
 
 
 def check_leaves_lens(methods: Sequence[Method]) -> None:
@@ -99,7 +100,7 @@ def evaluate_recorded(
     """
     attempts: list[_Attempt] = []
     curves: dict[str, FocusCurve] = {}
-    with open_stream(task.path) as stream:
+    with open_recording(task.path) as stream:
         check_stream(task, stream)
         box, region_name = choose_region(stream, region)
         counts = WindowCounts(stream, box)
@@ -151,7 +152,7 @@ def evaluate_recorded(
             curves=tuple(curves.values()),
             track=stream.truth.track,
             scene_motion=task.scene_motion,
-            thumbnails=make_thumbnails(stream, box) if with_thumbnails else None,
+            thumbnails=make_thumbnails(stream, box) if with_thumbnails and isinstance(stream, SpikeStream) else None,
         )
         return records, sweep
 
@@ -191,7 +192,7 @@ def _find_range_fault(answer: Answer, frames: int) -> str:
     return f"answered frame {answer.frame}, which was not recorded"
 
 
-def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, common: Mapping[str, Any]) -> Record:
+def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: Recording, common: Mapping[str, Any]) -> Record:
     truth, seen, obstacle = stream.truth, attempt.fields["frames_seen"], common["obstacle"]
     is_blank = obstacle in BLANK
     answer = withhold(attempt.answer, f"the recording has {obstacle}" if is_blank else "")
@@ -245,7 +246,7 @@ def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: SpikeStream, 
     )
 
 
-def _end_s(stream: SpikeStream, frame: int) -> float:
+def _end_s(stream: Recording, frame: int) -> float:
     """Return the seconds from the beginning of a recording to the end of a frame."""
     return (stream.metadata.readout_of(frame) + 1) / stream.readout_hz
 

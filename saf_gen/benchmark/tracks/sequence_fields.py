@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -17,15 +17,17 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.camera import BitSensor, get_sensor, parse_sensor, sensor_names
+from saf_gen.camera.events import event_sensor_names, get_event_sensor
 from saf_gen.camera.spad.sensor import OF_PLACE, SpadSensor, get_spad_sensor, spad_sensor_names
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
+from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
+from saf_gen.stream.event_recording import Recording
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import grain_of_stream
-from saf_gen.stream.stream_file import SpikeStream
 
 RATE_BLOCKS = 200
 """Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
@@ -58,7 +60,7 @@ def find_blank(counts: WindowCounts, rate: tuple[np.ndarray, np.ndarray]) -> Bla
 
 def describe_sequence(
     task: SequenceTask,
-    stream: SpikeStream,
+    stream: Recording,
     *,
     rate: tuple[np.ndarray, np.ndarray],
     blank: Blank | None,
@@ -71,7 +73,7 @@ def describe_sequence(
     ----------
     task : SequenceTask
         The sequence.
-    stream : SpikeStream
+    stream : SpikeStream or EventRecording
         Its open stream.
     rate : tuple of ndarray
         Result of measure_rate.
@@ -217,7 +219,7 @@ def energy_of_method(method: str) -> str | None:
     return ENERGY_OF_MEASURE.get(measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX))
 
 
-def grain_fields(stream: SpikeStream, method: str = "", *, region: str = "") -> dict[str, float | None]:
+def grain_fields(stream: Recording, method: str = "", *, region: str = "") -> dict[str, float | None]:
     """Return the fields of a record that describe the grain of a recording; None if unknown.
 
     The focus curve is the noise-free sharpness in the file for ``contrast``, and the signal along the recording for the
@@ -246,8 +248,23 @@ def sensor_of(provenance: Mapping[str, str]) -> str | None:
     If the numbers of the sensor differ from those of the registered sensor of that name, because a recipe changed them
     or because a user wrote the sensor file, six digits of their digest follow the name: ``vidar_400x250#1c2d3e``.
     """
+    if (text := provenance.get("event_sensor")) is not None:
+        return _event_name(text)
     text = provenance.get("sensor")
     return None if text is None else _name(text)
+
+
+@lru_cache(maxsize=64)
+def _event_name(text: str) -> str | None:
+    try:
+        found = load_plain_json(text)
+        name, numbers = str(found["name"]), {k: v for k, v in found.items() if k not in ("name", "sources")}
+    except (KeyError, TypeError, ValueError, AttributeError):  # not written by this package
+        return None
+    shipped = asdict(get_event_sensor(name)) if name in event_sensor_names() else {}
+    if numbers == {k: v for k, v in shipped.items() if k not in ("name", "sources")}:
+        return name
+    return f"{name}#{hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:6]}"
 
 
 @lru_cache(maxsize=64)

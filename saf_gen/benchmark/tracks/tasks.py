@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from saf_gen.core.files import name_as_text
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.stream.event_recording import Recording
 from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, read_manifest
-from saf_gen.stream.stream_file import SpikeStream
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _siblings(path: AnyPath) -> list[str]:
     return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
 
 
-def check_stream(task: SequenceTask, stream: SpikeStream) -> None:
+def check_stream(task: SequenceTask, stream: Recording) -> None:
     """Raise BadInput unless the stream is the one that the manifest names."""
     if task.content_sha256 is not None and stream.content_sha256 != task.content_sha256:
         raise BadInput(

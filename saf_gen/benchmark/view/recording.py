@@ -8,9 +8,9 @@ import numpy as np
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
+from saf_gen.stream.event_recording import Recording
 from saf_gen.stream.interval_texture import window_time_texture
 from saf_gen.stream.measure_input import Form
-from saf_gen.stream.stream_file import SpikeStream
 
 KNOTS = 256
 """Maximum number of frames at which running sums are kept; there are fewer if they would exceed KNOT_BYTES."""
@@ -31,7 +31,7 @@ class WindowCounts:
 
     Parameters
     ----------
-    stream : SpikeStream
+    stream : SpikeStream or EventRecording
         Open stream.
     region : Region, optional
         Rows and columns; by default the whole frame.
@@ -42,7 +42,7 @@ class WindowCounts:
         If the region is empty or extends beyond the frame.
     """
 
-    def __init__(self, stream: SpikeStream, region: Region | None = None) -> None:
+    def __init__(self, stream: Recording, region: Region | None = None) -> None:
         self.frames, height, width = stream.shape
         part = validate_region(region, (height, width))
         self._stream, self._filling = stream, stream.filling(part)

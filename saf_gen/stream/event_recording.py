@@ -1,0 +1,89 @@
+"""An event file as a recording that is judged: its counts are events, over the readouts of the lens and light logs."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn, Self
+
+import numpy as np
+
+from saf_gen.core.object_store import AnyPath, StorePath, find_path
+from saf_gen.core.region import Region, validate_region, validate_window
+from saf_gen.errors import BadInput
+from saf_gen.stream.event_file import EventFile, has_events, open_events
+from saf_gen.stream.pixel_mask import Filling
+from saf_gen.stream.stream_file import SpikeStream, open_stream
+
+
+class EventRecording:
+    """The events of a sequence, counted over readouts of the spike camera, by which lens and truth are logged.
+
+    Readout t lasts from t to t + 1 divided by ``readout_hz``, to a microsecond. Memory does not grow with the events:
+    those of a window are read when it is counted. Attributes are those of :class:`SpikeStream`.
+
+    Parameters
+    ----------
+    events : EventFile
+        The open file, which this object closes.
+    """
+
+    def __init__(self, events: EventFile) -> None:
+        self._events = events
+        self.path: AnyPath = events.path
+        self.shape, self.readout_hz, self.content_sha256 = events.shape, events.readout_hz, events.content_sha256
+        self.metadata, self.truth = events.metadata, events.truth
+        self.focus_position, self.gain, self.light_names = events.focus_position, events.gain, events.light_names
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._events.close()
+
+    def verify(self) -> None:
+        """Read the whole file; raise BadInput if it does not match its digests."""
+        self._events.verify()
+
+    def filling(self, region: Region | None = None) -> Filling:
+        """Return what fills masked pixels, of which an event file has none."""
+        return Filling(None, validate_region(region, self.shape[1:], where=str(self.path)))
+
+    def counts(self, first: int, stop: int, *, region: Region | None = None, filled: bool = True) -> np.ndarray:
+        """Return the number of events of each pixel in readouts ``first <= t < stop``: uint32 (h, w).
+
+        Raises BadInput if the window is empty or leaves the recording, or the region leaves the frame.
+        """
+        window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
+        part = validate_region(region, self.shape[1:], where=str(self.path))
+        return self._events.counts(window.start / self.readout_hz, window.stop / self.readout_hz)[part]
+
+    def frames(self, first: int, stop: int, *, region: Region | None = None) -> NoReturn:
+        """Raise BadInput, because an event camera has no frames."""
+        raise self._has_no("frames")
+
+    def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> NoReturn:
+        """Raise BadInput, because an event camera has no spikes."""
+        raise self._has_no("spikes")
+
+    def texture(self, first: int, stop: int, *, region: Region | None = None) -> NoReturn:
+        """Raise BadInput, because an event camera has no intervals between spikes."""
+        raise self._has_no("intervals between spikes")
+
+    def _has_no(self, what: str) -> BadInput:
+        return BadInput(f"an event camera has no {what}", where=str(self.path), allowed="counts of events")
+
+
+Recording = SpikeStream | EventRecording
+
+
+def open_recording(path: AnyPath | str) -> Recording:
+    """Return the open recording in a stream file or an event file; raise BadInput as open_stream and open_events do."""
+    where = find_path(path)
+    if not isinstance(where, StorePath) and has_events(Path(where)):
+        return EventRecording(open_events(Path(where)))
+    return open_stream(where)
