@@ -108,3 +108,28 @@ def test_a_stream_without_its_stacks_is_named(dataset, tmp_path):
     with saf_gen.open_stream(dataset / "test/plane-constant-00.h5") as stream:
         refusal(record_events, stream, tmp_path, sensor=sensor, path=tmp_path / "events.h5")
     assert not (tmp_path / "events.h5").exists()
+
+
+def test_events_are_judged_on_the_recorded_track_alone(dataset, tmp_path, call):
+    target = tmp_path / "events"
+    code, output, _ = call("recapture", dataset, "--out", target, "--sequence", "plane-constant-00")
+    assert code == 0
+    assert "next: saf-gen evaluate" in output
+    assert call("verify", target)[0] == 0
+    code, _, error = call("evaluate", target, "--method", "er_count+argmax", "--out", tmp_path / "judged")
+    assert code == 0, error
+    judged = json.loads((tmp_path / "judged" / "records.jsonl").read_text().splitlines()[0])
+    assert judged["sensor"] == "davis346"
+    assert 0 <= judged["position"] <= 1
+    code, output, error = call("evaluate", target, "--out", tmp_path / "defaults")
+    assert code == 0, error
+    assert "left out, because these recordings hold events: " in output + error
+    for options, words in (
+        (("--track", "closed_loop"), "holds events; allowed: --track recorded"),
+        (("--method", "sd_debiased+argmax"), "corrects for the noise of spikes"),
+        (("--method", "sd_tfi+argmax"), "needs intervals between spikes"),
+        (("--method", "change_rate+valley"), "makes events of spikes"),
+    ):
+        code, _, error = call("evaluate", target, *options, "--out", tmp_path / "none")
+        assert (code, words in error) == (2, True), error
+        assert not (tmp_path / "none").exists()

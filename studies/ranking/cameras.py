@@ -1,0 +1,101 @@
+"""One scene, several cameras: compare evaluations of the same sequences, recorded by different cameras.
+
+    python -m studies.ranking.cameras spikes=EVALUATION photons=EVALUATION …
+
+Each evaluation is a folder, or its ``records.jsonl``, of the same sequences by another camera (``saf-gen recapture``);
+the others are compared with the first. Printed are the share of the answers within one and within half a depth of focus
+for each camera and method, and the difference of the best method of each camera from the best of the first. Only
+recordings that have an answer with every camera count. Intervals are of 95 %: members are drawn again.
+"""
+
+import argparse
+import sys
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.benchmark.records import Record, read_records
+from saf_gen.errors import BadInput
+
+DRAWS, SEED = 10_000, 1
+
+Answers = Mapping[str, Mapping[str, Record]]
+"""Records by method and sequence."""
+
+
+def read_answers(evaluation: Path) -> Answers:
+    """Return the records of the recordings that have an answer; raise BadInput if the evaluation cannot be read."""
+    answers: dict[str, dict[str, Record]] = defaultdict(dict)
+    for record in read_records(evaluation):
+        if record.obstacle is None and record.success_1dof is not None:
+            answers[record.method][record.sequence] = record
+    return answers
+
+
+def interval(values: np.ndarray, members: Sequence[str]) -> tuple[float, float, float]:
+    """Return the mean of values, (n,), and the ends of its 95 % interval if members, (n,), are drawn again."""
+    names, index = np.unique(members, return_inverse=True)
+    sums, counts = np.bincount(index, values), np.bincount(index)
+    drawn = np.random.default_rng(SEED).integers(0, len(names), (DRAWS, len(names)))
+    low, high = np.quantile(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1), (0.025, 0.975))
+    return float(values.mean()), float(low), float(high)
+
+
+def compare(cameras: Mapping[str, Answers]) -> list[str]:
+    """Return the lines of both tables.
+
+    Raises BadInput if there are fewer than two cameras, or no recording has an answer with all of them.
+    """
+    if len(cameras) < 2:
+        raise BadInput(f"{len(cameras)} camera is given", allowed="at least two, as NAME=EVALUATION")
+    shared = sorted(set.intersection(*(set.union(*map(set, found.values())) for found in cameras.values())))
+    if not shared:
+        raise BadInput("no recording has an answer in all evaluations", allowed="evaluations of the same sequences")
+    members = [name.rpartition("-")[0] for name in shared]
+    lines = [f"{len(shared)} recordings of {len(set(members))} members have an answer with every camera.", ""]
+    lines += ["| camera | method | ≤½ DoF | ≤1 DoF | 95 % | median error, DoF |", "|---|---|---|---|---|---|"]
+    best: dict[str, np.ndarray] = {}
+    heads: dict[str, str] = {}
+    for camera, answers in cameras.items():
+        rows = []
+        for method, found in answers.items():
+            held = [found.get(name) for name in shared]
+            one = np.array([record is not None and bool(record.success_1dof) for record in held], float)
+            half = np.array([record is not None and bool(record.success_half_dof) for record in held], float)
+            errors = [abs(record.error_dof) for record in held if record is not None and record.error_dof is not None]
+            rows.append((one, half, method, float(np.median(errors)) if errors else np.nan))
+        rows.sort(key=lambda row: (row[0].mean(), row[1].mean()), reverse=True)
+        best[camera], heads[camera] = rows[0][0], rows[0][2]
+        for one, half, method, error in rows:
+            mean, low, high = interval(one, members)
+            ends = f"{100 * low:.0f}–{100 * high:.0f}"
+            lines.append(f"| {camera} | `{method}` | {half.mean():.0%} | {mean:.0%} | {ends} | {error:.2f} |")
+    first, *others = cameras
+    lines += ["", f"| best method of | points that `{heads[first]}` with {first} is ahead | 95 % |", "|---|---|---|"]
+    for camera in others:
+        mean, low, high = interval(100 * (best[first] - best[camera]), members)
+        lines.append(f"| {camera}: `{heads[camera]}` | {mean:+.0f} | {low:+.0f} to {high:+.0f} |")
+    return lines
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the tables, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("evaluations", nargs="+", metavar="NAME=EVALUATION", help="camera and its evaluation")
+    given = parser.parse_args(argv)
+    try:
+        for text in given.evaluations:
+            if "=" not in text:
+                raise BadInput(f"the evaluation is {text!r}", allowed="NAME=EVALUATION, such as photons=out")
+        named = (text.partition("=") for text in given.evaluations)
+        print("\n".join(compare({name: read_answers(Path(folder)) for name, _, folder in named})))
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
