@@ -6,8 +6,8 @@ Functions
 ---------
 open_stream, write_stream
     Read or write a spike stream with its truth (HDF5).
-open_events
-    Read the events that ``saf-gen recapture`` recorded of a sequence.
+open_events, open_frames
+    Read the events, or the frames, that ``saf-gen recapture`` recorded of a sequence.
 SpikeWindows
     Windows of a dataset for training a network, read quickly in any order.
 get_sensor, encode
@@ -37,6 +37,7 @@ _HOMES = {
     "open_stream": "stream.stream_file",
     "write_stream": "stream.stream_writer",
     "open_events": "stream.event_file",
+    "open_frames": "stream.frame_file",
     "SpikeWindows": "stream.spike_windows",
     "sample": "stream.sample_dataset",
     "get_measure": "plugins.measures",

@@ -11,6 +11,7 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import wants_intervals
 from saf_gen.plugins.measures import NORMALISED_SUFFIX
 from saf_gen.stream.event_recording import EventRecording, open_recording
+from saf_gen.stream.frame_file import FrameFile
 
 LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated"})
 """Measures that add 1/12 for the spike that two halves of a window share (:mod:`saf_gen.camera.counting_law`). Counts
@@ -41,8 +42,13 @@ def leave_to_spikes(
         If a named method needs spikes, and the recordings hold single photons or events.
     """
     needs = {name: need for name, method in methods.items() if (need := _need(method))}
-    kind = _kind(tasks) if needs else "spikes"
-    unfit = [name for name, need in needs.items() if kind == "events" or (kind == "photons" and need == LAW)]
+    kind = _kind(tasks) if needs or not asked else "spikes"
+    unfit = [name for name, need in needs.items() if need in REFUSED[kind]]
+    if kind == "frames" and not asked:
+        raise BadInput(
+            "these recordings hold frames, and windows are numbers of frames", allowed="methods that name their window",
+            hint="for example --method sd+argmax:window=3",
+        )  # fmt: skip
     if kind == "spikes" or not unfit:
         return dict(methods)
     fit = {name: method for name, method in methods.items() if name not in unfit}
@@ -57,15 +63,18 @@ def leave_to_spikes(
 
 
 def check_camera_runs(tasks: list[SequenceTask]) -> None:
-    """Raise BadInput if the recordings hold events: no event camera runs in the closed loop."""
-    if _kind(tasks) == "events":
+    """Raise BadInput if the recordings hold events or frames: no such camera runs in the closed loop."""
+    if (kind := _kind(tasks)) in ("events", "frames"):
         raise BadInput(
-            f"{tasks[0].id} holds events", allowed="--track recorded", hint="the closed loop takes spikes and photons"
+            f"{tasks[0].id} holds {kind}", allowed="--track recorded", hint="the closed loop takes spikes and photons"
         )
 
 
 LAW, INTERVALS, MADE = "corrects for the noise of spikes", "needs intervals between spikes", "makes events of spikes"
-WORDS = {"photons": "single photons", "events": "events"}
+WORDS = {"photons": "single photons", "events": "events", "frames": "frames"}
+REFUSED = {
+    "spikes": (), "photons": (LAW,), "events": (LAW, INTERVALS, MADE), "frames": (LAW, INTERVALS)
+}  # fmt: skip
 
 
 def _need(method: Method) -> str:
@@ -79,11 +88,13 @@ def _need(method: Method) -> str:
 
 
 def _kind(tasks: list[SequenceTask]) -> str:
-    """Return what the first recording that can be read holds: ``spikes``, ``photons`` or ``events``."""
+    """Return what the first recording that can be read holds: ``spikes``, ``photons``, ``events`` or ``frames``."""
     for task in tasks:
         with suppress(BadInput, OSError), open_recording(task.path) as stream:
             if isinstance(stream, EventRecording):
                 return "events"
+            if isinstance(stream, FrameFile):
+                return "frames"
             text = stream.metadata.provenance.get("sensor")
             of_photons = text is not None and isinstance(parse_sensor(text, "/provenance/sensor"), SpadSensor)
             return "photons" if of_photons else "spikes"

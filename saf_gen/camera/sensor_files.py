@@ -11,13 +11,16 @@ from scipy.special import ndtr
 
 from saf_gen.camera import Sensor, electrons_per_irradiance
 from saf_gen.camera.events.sensor import PRESETS as EVENT_CAMERAS
+from saf_gen.camera.frames.sensor import PRESETS as FRAME_CAMERAS
 from saf_gen.camera.sensor import PRESETS as SPIKE_CAMERAS
 from saf_gen.camera.spad.sensor import PRESETS as SPADS
 from saf_gen.core.config.document import read_text
 from saf_gen.core.config.presets import Presets, is_preset_file
 from saf_gen.errors import unknown
 
-KINDS: dict[str, Presets[Any]] = {"spikes": SPIKE_CAMERAS, "events": EVENT_CAMERAS, "photons": SPADS}
+KINDS: dict[str, Presets[Any]] = {
+    "spikes": SPIKE_CAMERAS, "events": EVENT_CAMERAS, "photons": SPADS, "frames": FRAME_CAMERAS
+}  # fmt: skip
 """By what it reads out: the sensors that come with saf_gen."""
 
 _NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)

@@ -20,7 +20,8 @@ def recapture_command(
     sensor: Annotated[
         str,
         typer.Option(
-            help="Event camera (davis346, evk4), single-photon array (swissspad3, qvga_spad), or path of a .yaml file."
+            help="Event camera (davis346, evk4), single-photon array (swissspad3, qvga_spad), frame camera (imx273), "
+            "or path of a .yaml file."
         ),
     ] = "davis346",
     folder: Annotated[
@@ -31,8 +32,8 @@ def recapture_command(
     exposure_us: Annotated[
         float | None,
         typer.Option(
-            help="Single photons: time for which the gate is open in each frame (default: until the target detects a "
-            "photon in half of the frames, at most a frame)."
+            help="Exposure of each frame (default: until the target detects a photon in half of the frames, or fills "
+            "half of its well; at most a frame)."
         ),
     ] = None,
 ) -> None:

@@ -404,13 +404,17 @@ def inspect_command(
     stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
 ) -> None:
     """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
-    from saf_gen.stream.description import describe_content, describe_events, describe_provenance
+    from saf_gen.stream.description import describe_content, describe_events, describe_frames, describe_provenance
     from saf_gen.stream.event_file import has_events, open_events
+    from saf_gen.stream.frame_file import has_frames, open_frames
     from saf_gen.stream.stream_file import open_stream
 
     if has_events(stream):
         with open_events(stream) as events:
             path, content, provenance = str(events.path), describe_events(events), describe_provenance(events)
+    elif has_frames(stream):
+        with open_frames(stream) as frames:
+            path, content, provenance = str(frames.path), describe_frames(frames), describe_provenance(frames)
     else:
         with open_stream(stream) as opened:
             path, content, provenance = str(opened.path), describe_content(opened), describe_provenance(opened)

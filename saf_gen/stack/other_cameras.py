@@ -14,19 +14,24 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.camera.events import EventSensor, event_sensor_names, get_event_sensor
+from saf_gen.camera.frames import FrameSensor, frame_sensor_names, get_frame_sensor
 from saf_gen.camera.spad import SpadSensor, get_spad_sensor, spad_sensor_names
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.files import refuse_link
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stack.event_capture import events_fingerprint, record_events
+from saf_gen.stack.frame_capture import frames_fingerprint, record_frames
 from saf_gen.stack.recapture import recapture_fingerprint, record_photons
+from saf_gen.stream import frame_file
 from saf_gen.stream.event_file import FINGERPRINT, check_replaceable, intact_digest, open_events
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 RATE = 0.5
 """Share of the frames in which a single-photon array that chooses its exposure detects a photon of the target."""
+SHARE = 0.5
+"""Share of its well that a pixel of the target fills with a frame camera that chooses its exposure."""
 STACKS, CAMERAS = "stacks", "cameras"  # folders of a dataset
 
 
@@ -222,37 +227,76 @@ class _Photons(OtherCamera):
         return {"sensor": self._sensor.as_dict(), "rate": self._rate}
 
 
+class _Frames(OtherCamera):
+    def __init__(self, sensor: FrameSensor, *, share: float | None) -> None:
+        self.name, self._sensor, self._share = sensor.name, sensor, share
+
+    def check_replaceable(self, path: Path) -> None:
+        frame_file.check_replaceable(path)
+
+    def has_recorded(self, path: Path, content_sha256: str) -> bool:
+        try:
+            with frame_file.open_frames(path) as frames:
+                frames.verify()
+        except BadInput:
+            return False
+        return self.recorded(path, content_sha256) is not None
+
+    def record(self, stream: SpikeStream, stacks: Path, *, path: Path) -> str:
+        frames, digest, exposed = record_frames(stream, stacks, sensor=self._sensor, share=self._share, path=path)
+        exposure = f"{exposed.exposure_s * 1e6:.4g} µs of {1e6 / exposed.readout_hz:.4g}"
+        return f"{frames:,} frames, exposed for {exposure}, sha256 {digest[:16]}"
+
+    def recorded(self, path: Path, content_sha256: str) -> tuple[int, str, str] | None:
+        wanted = frames_fingerprint(content_sha256, self._sensor, share=self._share)
+        try:
+            with frame_file.open_frames(path) as frames:
+                if frames.metadata.provenance.get(frame_file.FINGERPRINT) != wanted:
+                    return None
+                return frames.shape[0], frames.content_sha256, wanted
+        except BadInput:
+            return None
+
+    def describe(self) -> dict[str, Any]:
+        return {"sensor": self._sensor.as_dict(), "share": self._share}
+
+    def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
+        command = super().finish(dataset, manifest, target=target)
+        return command and f"{command} --method sd+argmax:window=3"  # windows are numbers of frames
+
+
 def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:
     """Return the camera of this name, or of a user's file.
 
     Parameters
     ----------
     name : str
-        A name of :func:`saf_gen.camera.events.event_sensor_names` or :func:`saf_gen.camera.spad.spad_sensor_names`, or
-        the path of a .yaml file, which says ``kind: spad`` if it is that of a single-photon array.
+        A name of :func:`event_sensor_names`, :func:`spad_sensor_names` or :func:`frame_sensor_names`, or the path of a
+        .yaml file, which says ``kind: spad`` or ``kind: frames`` unless it is that of an event camera.
     exposure_us : float, optional
-        Exposure of a single-photon array, microseconds; by default it chooses one for each sequence.
+        Exposure of a single-photon array or a frame camera, microseconds; by default it chooses one for each sequence.
 
     Raises
     ------
     BadInput
         If there is no such camera, its file is not valid, or it has no such exposure.
     """
+    names = {"events": event_sensor_names(), "photons": spad_sensor_names(), "frames": frame_sensor_names()}
     if is_preset_file(name):
         data = read_yaml(Path(name)).data
-        of_photons = isinstance(data, dict) and data.get("kind") == "spad"
-    elif name in spad_sensor_names() or name in event_sensor_names():
-        of_photons = name in spad_sensor_names()
-    else:
-        raise unknown(
-            "camera",
-            name,
-            allowed=[*event_sensor_names(), *spad_sensor_names()],
-            hint="or give the path of a .yaml file",
-        )
-    if of_photons:
-        changes = {} if exposure_us is None else {"exposure_s": exposure_us * 1e-6}
+        stated = data.get("kind") if isinstance(data, dict) else None
+        kind = {"spad": "photons", "frames": "frames"}.get(str(stated), "events")
+    elif not (kind := next((kind for kind, known in names.items() if name in known), "")):
+        allowed = [known for group in names.values() for known in group]
+        raise unknown("camera", name, allowed=allowed, hint="or give the path of a .yaml file")
+    if kind == "events":
+        if exposure_us is not None:
+            raise BadInput(
+                f"--exposure-us is given for {name}", allowed="a single-photon array or a frame camera",
+                hint="leave it out",
+            )  # fmt: skip
+        return _Events(get_event_sensor(name))
+    changes = {} if exposure_us is None else {"exposure_s": exposure_us * 1e-6}
+    if kind == "photons":
         return _Photons(get_spad_sensor(name, **changes), rate=RATE if exposure_us is None else None)
-    if exposure_us is not None:
-        raise BadInput(f"--exposure-us is given for {name}", allowed="a single-photon array", hint="leave it out")
-    return _Events(get_event_sensor(name))
+    return _Frames(get_frame_sensor(name, **changes), share=SHARE if exposure_us is None else None)

@@ -98,7 +98,7 @@ def record_photons(
     plane_source = replace(plane_source, time_stack=TimeResolvedStack(starts, time_stack.specs))
     charge_source = ChargeSource(plane_source, placed, colour=capture.colour)
     charge_source.scale = capture.exposure
-    metadata = _resample(stream.metadata, frames, ratio=ratio)
+    metadata = resample(stream, frames, readout_hz=hz, middle_s=0.5 / hz)
     if rate is not None:
         moment = metadata.truth.frame if isfinite(metadata.truth.frame) else 0.0
         target = np.asarray(metadata.truth.target, bool)
@@ -138,9 +138,13 @@ def record_photons(
     return frames, writer.content_sha256, placed
 
 
-def _resample(metadata: Metadata, frames: int, *, ratio: float) -> Metadata:
-    """Return what a recording says of each of its readouts, for ``ratio`` times as many of them."""
-    at = (np.arange(frames) + 0.5) / ratio - 0.5  # the middle of each frame, in readouts
+def resample(stream: SpikeStream, frames: int, *, readout_hz: float, middle_s: float) -> Metadata:
+    """Return what a stream says of each of its readouts, for the frames of another camera.
+
+    Frame k of the other camera is the light about the moment k/``readout_hz`` + ``middle_s``, in seconds.
+    """
+    metadata = stream.metadata
+    at = (np.arange(frames) / readout_hz + middle_s) * stream.readout_hz - 0.5  # in readouts
 
     def resampled(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
@@ -154,7 +158,10 @@ def _resample(metadata: Metadata, frames: int, *, ratio: float) -> Metadata:
         image_distance=resampled(metadata.image_distance),
         object_distance=resampled(metadata.object_distance),
         truth=replace(
-            truth, frame=(truth.frame + 0.5) * ratio - 0.5, track=resampled(truth.track), lens=resampled(truth.lens)
+            truth,
+            frame=((truth.frame + 0.5) / stream.readout_hz - middle_s) * readout_hz,
+            track=resampled(truth.track),
+            lens=resampled(truth.lens),
         ),
     )
 

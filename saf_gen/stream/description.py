@@ -10,6 +10,7 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.plain_text import plural
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.event_file import EventFile
+from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.metadata import Metadata, ReadableStream
 from saf_gen.stream.recorded_grain import grain_of_stream
 
@@ -17,7 +18,7 @@ RATE_BLOCKS = 50
 """Largest number of parts into which a recording is divided to compare their mean rates."""
 
 
-def describe_content(stream: ReadableStream | EventFile, *, with_rates: bool = True) -> dict[str, str]:
+def describe_content(stream: ReadableStream | EventFile | FrameFile, *, with_rates: bool = True) -> dict[str, str]:
     """Return facts about a stream's content as texts by name: length, rates, light, lens and truth.
 
     All spikes are read if ``with_rates`` is true, and none otherwise.
@@ -30,7 +31,7 @@ def describe_content(stream: ReadableStream | EventFile, *, with_rates: bool = T
     facts |= {
         "pixels": f"{columns}×{rows}",
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({length / stream.readout_hz:g} s)",
-        **(_describe_rates(stream) if with_rates and not isinstance(stream, EventFile) else {}),
+        **(_describe_rates(stream) if with_rates and not isinstance(stream, EventFile | FrameFile) else {}),
         **describe_flaws(stream.metadata),
     }
     if "light" in planned:
@@ -84,7 +85,19 @@ def describe_events(events: EventFile) -> dict[str, str]:
     return facts
 
 
-def describe_provenance(stream: ReadableStream | EventFile) -> dict[str, str]:
+def describe_frames(frames: FrameFile) -> dict[str, str]:
+    """Return facts about the content of a frame camera's file as texts by name: numbers, light, lens and truth."""
+    facts = describe_content(frames, with_rates=False)
+    means, darkest, brightest = [], 1 << 16, 0
+    for number in range(frames.shape[0]):
+        frame = frames.frames(number, number + 1)
+        means.append(float(frame.mean()))
+        darkest, brightest = min(darkest, int(frame.min())), max(brightest, int(frame.max()))
+    facts["numbers"] = f"{darkest} to {brightest}; means of frames {min(means):.1f} to {max(means):.1f}"
+    return facts
+
+
+def describe_provenance(stream: ReadableStream | EventFile | FrameFile) -> dict[str, str]:
     """Return facts about a stream's provenance as texts by name: size on the disk, versions, seeds and digests."""
     facts = {"size": f"{stream.path.stat().st_size * 8 / math.prod(stream.shape):.3f} bit per pixel and frame"}
     for name, text in stream.metadata.provenance.items():
@@ -101,7 +114,7 @@ def describe_file(stream: ReadableStream) -> dict[str, str]:
     return {**describe_content(stream), **describe_provenance(stream)}
 
 
-def _read_json(stream: ReadableStream | EventFile, name: str) -> dict[str, Any]:
+def _read_json(stream: ReadableStream | EventFile | FrameFile, name: str) -> dict[str, Any]:
     """Return a JSON object from the provenance; an empty one if the text is missing or holds anything else."""
     try:
         found = load_plain_json(stream.metadata.provenance.get(name, "{}"))
@@ -140,7 +153,7 @@ def _describe_rates(stream: ReadableStream) -> dict[str, str]:
     }
 
 
-def _describe_time_in_focus(stream: ReadableStream | EventFile) -> str:
+def _describe_time_in_focus(stream: ReadableStream | EventFile | FrameFile) -> str:
     """Return as text the fraction of frames in which the lens is within the depth of focus; '' if it is unknown."""
     lens, truth = stream.metadata.lens_position, stream.truth
     if lens is None or not truth.known:
@@ -170,7 +183,7 @@ def _describe_lens(lens: np.ndarray, log: np.ndarray) -> str:
     return f"{_describe_range(lens, 'of the travel')}, {off.mean():.4f} off its log, at most {off.max():.4f}"
 
 
-def _describe_grain(stream: ReadableStream | EventFile) -> str:
+def _describe_grain(stream: ReadableStream | EventFile | FrameFile) -> str:
     """Return as text the grain of the pictures from which a stream was recorded."""
     grain = grain_of_stream(stream.metadata.provenance)
     if grain is None or not math.isfinite(grain.rms_in_focus):
@@ -179,7 +192,7 @@ def _describe_grain(stream: ReadableStream | EventFile) -> str:
     return f"{grain.rms_in_focus:.2%} of the mean in focus, {low:.2%} to {high:.2%} along the recording"
 
 
-def _describe_crossings(stream: ReadableStream | EventFile) -> str:
+def _describe_crossings(stream: ReadableStream | EventFile | FrameFile) -> str:
     first, lens, track = stream.truth.frame, stream.metadata.lens_position, stream.truth.track
     if not math.isfinite(first):
         return "never passed"

@@ -10,6 +10,7 @@ from saf_gen.core.object_store import AnyPath, StorePath, find_path
 from saf_gen.core.region import Region, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.event_file import EventFile, has_events, open_events
+from saf_gen.stream.frame_file import FrameFile, has_frames, open_frames
 from saf_gen.stream.pixel_mask import Filling
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -78,12 +79,17 @@ class EventRecording:
         return BadInput(f"an event camera has no {what}", where=str(self.path), allowed="counts of events")
 
 
-Recording = SpikeStream | EventRecording
+Recording = SpikeStream | EventRecording | FrameFile
 
 
 def open_recording(path: AnyPath | str) -> Recording:
-    """Return the open recording in a stream file or an event file; raise BadInput as open_stream and open_events do."""
+    """Return the open recording in a file of a spike camera, of single photons, of events or of frames.
+
+    Raises BadInput as :func:`open_stream`, :func:`open_events` and :func:`open_frames` do.
+    """
     where = find_path(path)
     if not isinstance(where, StorePath) and has_events(Path(where)):
         return EventRecording(open_events(Path(where)))
+    if not isinstance(where, StorePath) and has_frames(Path(where)):
+        return open_frames(Path(where))
     return open_stream(where)

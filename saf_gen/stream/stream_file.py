@@ -174,11 +174,12 @@ class SpikeStream:
         foreign = BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
         if "format" not in file.attrs:
             raise foreign
-        if holds(file, "events"):
-            raise BadInput(
-                "holds events, not spikes", where=where, allowed=f"attribute format = {FORMAT!r}",
-                hint="saf-gen inspect describes it, and saf_gen.open_events reads it",
-            )  # fmt: skip
+        for kind in ("events", "frames"):
+            if holds(file, kind):
+                raise BadInput(
+                    f"holds {kind}, not spikes", where=where, allowed=f"attribute format = {FORMAT!r}",
+                    hint=f"saf-gen inspect describes it, and saf_gen.open_{kind} reads it",
+                )  # fmt: skip
         if (layout := read_attribute(file, "layout", number=True)) != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
         small = dict(read_small_datasets(file, where, reader=reader))  # checks all texts before any is read

@@ -16,11 +16,14 @@ from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
-from saf_gen.camera import BitSensor, get_sensor, parse_sensor, sensor_names
+from saf_gen.camera import Sensor
 from saf_gen.camera.events import event_sensor_names, get_event_sensor
-from saf_gen.camera.spad.sensor import OF_PLACE, SpadSensor, get_spad_sensor, spad_sensor_names
+from saf_gen.camera.sensor_files import KINDS
+from saf_gen.camera.spad.sensor import OF_PLACE
+from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
 from saf_gen.core.config.json_document import load_plain_json
+from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
@@ -270,28 +273,29 @@ def _event_name(text: str) -> str | None:
 @lru_cache(maxsize=64)
 def _name(text: str) -> str | None:
     try:
-        sensor = parse_sensor(text, "/provenance/sensor")
+        document = parse_yaml(text, "/provenance/sensor")
+        kind = document.data.get("kind") if isinstance(document.data, dict) else None
+        presets = KINDS[OF_KIND.get(str(kind), "spikes")]
+        sensor = validate_document(presets.model, document)
     except BadInput:  # the sensor is from another version, or from an untrusted file
         return None
     digest = _digest(sensor)
-    shipped: list[BitSensor] = []
-    if isinstance(sensor, SpadSensor):
-        shipped = [get_spad_sensor(sensor.name)] if sensor.name in spad_sensor_names() else []
-    elif sensor.name in sensor_names():
-        shipped = [get_sensor(sensor.name)]
-    if digest in map(_digest, shipped):
-        return sensor.name
+    if sensor.name in presets.names() and digest == _digest(presets.get(sensor.name, {})):
+        return str(sensor.name)
     return f"{sensor.name}#{digest[:6]}"
 
 
-def _digest(sensor: BitSensor) -> str:
+OF_KIND = {"spad": "photons", "frames": "frames"}
+"""What a sensor reads out, by its ``kind``; one that states no kind is of a spike camera."""
+
+
+def _digest(sensor: Any) -> str:
     """Return the digest of a sensor's numbers, without its name and sources.
 
-    Those of a single-photon array that stands in the place of a spike camera, and the exposure that it chose, are left
-    out, too.
+    Those of a camera that stands in the place of a spike camera, and the exposure that it chose, are left out, too.
     """
     numbers = sensor.as_dict()
-    for key in ("name", "sources", *(OF_PLACE if isinstance(sensor, SpadSensor) else ())):
+    for key in ("name", "sources", *(() if isinstance(sensor, Sensor) else OF_PLACE)):
         del numbers[key]
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 

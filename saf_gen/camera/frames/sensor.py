@@ -1,0 +1,241 @@
+"""Frame cameras: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass
+
+from saf_gen.camera.sensor import (
+    CURVES,
+    PixelCount,
+    ResponseRms,
+    Sensor,
+    SpectralCurve,
+    spectral_curve,
+    spectral_response,
+)
+from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
+from saf_gen.errors import BadInput
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class FrameNoise:
+    """Switches of the noise of a frame camera, each independent of the others.
+
+    A switch does not change the numbers of the sensor.
+
+    Parameters
+    ----------
+    shot : bool
+        Electrons come at random (Poisson).
+    read : bool
+        Each reading is off by ``read_noise_e``.
+    dark : bool
+        Dark current, log-normal over the pixels, with hot pixels.
+    response : bool
+        The response differs between pixels.
+    """
+
+    shot: Switch
+    read: Switch
+    dark: Switch
+    response: Switch
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class FrameSensor:
+    """The array of a frame camera. Lengths are in metres, times in seconds, charge in electrons.
+
+    The functions of this module raise BadInput for a value that is not allowed; the constructor and
+    ``dataclasses.replace`` raise a ValueError.
+
+    Parameters
+    ----------
+    kind : str
+        ``frames``.
+    name : str
+        Name of the sensor.
+    rows, columns : int
+        Size of the array, pixels.
+    pitch_m : float
+        Pitch of the pixels, metres.
+    readout_hz : float
+        Frames per second.
+    exposure_s : float
+        Time for which a row collects light in each frame, from the beginning of the frame, seconds; at most a frame.
+    shortest_exposure_s : float
+        Shortest exposure, seconds.
+    shutter : str
+        ``global`` if all rows are exposed at once, ``rolling`` if each begins ``row_s`` after the one above it.
+    row_s : float
+        Time from the exposure of a row to that of the next, seconds; 0 with ``global``.
+    quantum_efficiency : float
+        Electrons per photon that reaches the light-sensitive area.
+    fill_factor : float
+        Light-sensitive fraction of the area of a pixel.
+    wavelength_m : float
+        The single wavelength at which light is converted to electrons, metres.
+    full_well_e : float
+        Charge that a pixel can hold, electrons; it is read as the largest number.
+    read_noise_e : float
+        Rms of a reading, electrons.
+    bits : int
+        Bits of a number that is read out.
+    dark_e_per_s : float
+        Mean dark current over the pixels, electrons per second.
+    dark_log_sd : float
+        Standard deviation of the natural logarithm of the dark current over the pixels.
+    dark_hot_fraction : float
+        Fraction of the pixels above ``dark_hot_factor`` times the median.
+    dark_hot_factor : float
+        Multiple of the median above which a pixel is hot.
+    dark_hot_exponent : float
+        Exponent a of the Pareto law of hot pixels: the number of pixels above x medians is proportional to x⁻ᵃ.
+    response_rms : float
+        Rms of the response's differences between pixels, relative to its mean.
+    noise : FrameNoise
+        Noise that is switched on.
+    sources : tuple of str
+        Sources of the numbers.
+    spectral_qe : str or tuple, default 'silicon'
+        Shape of the quantum efficiency over the wavelength, as in :class:`saf_gen.camera.Sensor`.
+    filter : str or tuple, default 'none'
+        Filter in front of the sensor, as in :class:`saf_gen.camera.Sensor`.
+    """
+
+    kind: Literal["frames"]
+    name: Text
+    rows: PixelCount
+    columns: PixelCount
+    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    readout_hz: Annotated[float, between(0.1, 1e6, unit="hertz")]
+    exposure_s: Annotated[float, between(1e-8, 100, unit="seconds")]
+    shortest_exposure_s: Annotated[float, between(1e-8, 1, unit="seconds")]
+    shutter: Literal["global", "rolling"]
+    row_s: Annotated[float, between(0, 1, unit="seconds")]
+    quantum_efficiency: Annotated[float, between(1e-4, 1, unit="electrons per photon")]
+    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
+    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
+    full_well_e: Annotated[float, between(10, 1e7, unit="electrons")]
+    read_noise_e: Annotated[float, between(0, 1e4, unit="electrons")]
+    bits: Annotated[int, between(1, 16, unit="bits", integer=True)]
+    dark_e_per_s: Annotated[float, between(0, 1e6, unit="electrons per second")]
+    dark_log_sd: Annotated[float, between(0, 2, unit="(standard deviation of the natural logarithm)")]
+    dark_hot_fraction: Annotated[float, between(0, 0.1, unit="of all pixels")]
+    dark_hot_factor: Annotated[float, between(1, 1000, unit="times the median")]
+    dark_hot_exponent: Annotated[float, between(1.5, 20, unit="(exponent of the Pareto law of hot pixels)")]
+    response_rms: ResponseRms
+    noise: FrameNoise
+    sources: Sources
+    spectral_qe: Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])] = "silicon"
+    filter: Annotated[SpectralCurve, spectral_curve(CURVES["filter"])] = "none"
+
+    def __post_init__(self) -> None:
+        longest = 1 / self.readout_hz
+        if not self.shortest_exposure_s <= self.exposure_s <= longest * (1 + 1e-9):
+            raise BadInput(
+                f"exposure_s is {self.exposure_s:g}",
+                where=f"sensor {self.name}",
+                allowed=f"{self.shortest_exposure_s:g} (shortest_exposure_s) to {longest:.6g} s (a frame)",
+            )
+        if (self.shutter == "global") != (self.row_s == 0):
+            raise BadInput(
+                f"row_s is {self.row_s:g} with shutter: {self.shutter}",
+                where=f"sensor {self.name}",
+                allowed="0 with global, above 0 with rolling",
+            )
+
+    @property
+    def levels(self) -> int:
+        """The largest number that is read out."""
+        return 2**self.bits - 1
+
+    @property
+    def electrons_per_level(self) -> float:
+        """Electrons by which a number rises by one."""
+        return self.full_well_e / self.levels
+
+    @property
+    def mean_dark_e(self) -> float:
+        """Mean dark charge of an exposure, electrons; 0 if dark current is switched off."""
+        return self.dark_e_per_s * self.exposure_s * self.noise.dark
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data."""
+        return asdict(self)
+
+    def spectral_response(self) -> np.ndarray:
+        """Return the electrons per joule and nanometre of light, as :meth:`saf_gen.camera.Sensor.spectral_response`.
+
+        Raises BadInput as that does.
+        """
+        return spectral_response(
+            self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
+        )
+
+    def with_noise(self, **switches: bool) -> "FrameSensor":
+        """Return a copy with some noise switched on or off, such as ``with_noise(read=False)``.
+
+        Raises BadInput if a switch is unknown.
+        """
+        return change_fields(self, {"noise": switches}, where=f"frame sensor {self.name}")
+
+    def in_place_of(self, sensor: Sensor) -> "FrameSensor":
+        """Return a copy that stands on the grid of a spike camera, and collects as many electrons as that does."""
+        return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE if name != "exposure_s"})
+
+
+OF_PLACE = (
+    "rows", "columns", "pitch_m", "fill_factor", "quantum_efficiency", "wavelength_m", "spectral_qe", "filter",
+    "exposure_s",
+)  # fmt: skip
+"""Fields that a camera has from where it stands and what it looks at, if it takes the place of a spike camera."""
+
+PRESETS = Presets("frame sensor", FrameSensor, folder=Path(__file__).parent / "sensors")
+
+
+def frame_sensor_names() -> list[str]:
+    """Return the names of the frame cameras that come with saf_gen, sorted."""
+    return PRESETS.names()
+
+
+def get_frame_sensor(name: str | Path, **changes: Any) -> FrameSensor:
+    """Return a frame camera by name or from a user's YAML file, with some fields changed.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of :func:`frame_sensor_names`, or the path of a .yaml file.
+    **changes : optional
+        Fields of :class:`FrameSensor` and their new values; ``noise`` may be a mapping of some switches.
+
+    Raises
+    ------
+    BadInput
+        If a name or field is unknown, or a value is not allowed.
+    """
+    return PRESETS.get(name, changes)
+
+
+def exposure_for(electrons_per_s: np.ndarray, sensor: FrameSensor, *, share: float = 0.5) -> FrameSensor:
+    """Return a copy that is exposed for as long as pixels need to fill ``share`` of their well on average.
+
+    It is at most a frame, and at least the shortest exposure.
+
+    Parameters
+    ----------
+    electrons_per_s : ndarray, shape (n,)
+        Electrons per second of the pixels, without dark current.
+    sensor : FrameSensor
+        The sensor.
+    share : float, default 0.5
+        Share of the full well, above 0 and at most 1.
+    """
+    mean = float(np.mean(electrons_per_s, dtype=np.float64))
+    wanted = share * sensor.full_well_e / mean if mean > 0 else np.inf
+    seconds = min(max(wanted, sensor.shortest_exposure_s), 1 / sensor.readout_hz)
+    rounded = float(f"{seconds:.6g}")  # so that the order of a sum does not show
+    return replace(sensor, exposure_s=rounded if rounded * sensor.readout_hz <= 1 else 1 / sensor.readout_hz)

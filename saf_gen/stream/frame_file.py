@@ -1,0 +1,241 @@
+"""The file of a frame camera, layout version 1: one HDF5 file per sequence, beside the truth of the sequence.
+
+``/frames`` (uint16; T, H, W) holds the numbers that were read out. Everything else is as in a stream file
+(:mod:`saf_gen.stream.stream_file`): focus, light, truth and provenance, for the T frames.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NoReturn, Self
+
+import h5py
+import numpy as np
+
+from saf_gen.core.files import atomic_file, refuse_link
+from saf_gen.core.object_store import AnyPath
+from saf_gen.core.region import Region, region_shape, validate_region, validate_window
+from saf_gen.errors import BadInput
+from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
+from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
+from saf_gen.stream.pixel_mask import Filling
+
+FORMAT, LAYOUT = "saf-gen frames", 1
+FINGERPRINT = "frames_fingerprint"
+"""Name of the text in the provenance that says from what the frames were made."""
+
+
+def write_frames(
+    path: str | os.PathLike[str],
+    frames: Iterable[np.ndarray],
+    *,
+    shape: tuple[int, int, int],
+    readout_hz: float,
+    metadata: Metadata,
+) -> str:
+    """Write the file of a frame camera, whole or not at all, and return its content_sha256.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write.
+    frames : iterable of ndarray of uint16, shape (H, W)
+        The frames, in their order; they are written as they come.
+    shape : tuple of int
+        (T, H, W).
+    readout_hz : float
+        Frames per second.
+    metadata : Metadata
+        Everything that the file holds except the frames.
+
+    Raises
+    ------
+    BadInput
+        If a field of the metadata is not allowed, there are not T frames of this shape, or the folder cannot be
+        written.
+    """
+    datasets = metadata_to_datasets(metadata, shape)
+    sha, count = hashlib.sha256(), 0
+    with atomic_file(Path(path)) as part, h5py.File(part, "w", libver="v110") as file:
+        stored = file.create_dataset(
+            "frames", shape, "uint16", chunks=(1, *shape[1:]), compression="gzip", compression_opts=1, shuffle=True
+        )
+        for frame in frames:
+            if count == shape[0] or frame.shape != shape[1:]:
+                raise BadInput(f"frame {count} has the shape {frame.shape}", allowed=f"{shape[0]} of {shape[1:]}")
+            stored[count] = frame
+            sha.update(np.ascontiguousarray(frame, "<u2").tobytes())
+            count += 1
+        if count != shape[0]:
+            raise BadInput(f"there are {count} frames", allowed=f"{shape[0]}")
+        for name, value in datasets.items():
+            text = isinstance(value, str | tuple)
+            file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
+        content = _content_digest(datasets, sha.hexdigest(), shape=shape, readout_hz=float(readout_hz))
+        file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=content, readout_hz=float(readout_hz))
+    return content
+
+
+def _content_digest(small: Mapping[str, Any], frames: str, *, shape: tuple[int, int, int], readout_hz: float) -> str:
+    """Return ``content_sha256``: over the frames, of this digest, and all datasets but the provenance."""
+    lines = [line for line in stream_digest_lines(small.items()) if not line.startswith("/provenance/")]
+    lines.append(f"/frames uint16 {'x'.join(map(str, shape))} {frames}")
+    return hashlib.sha256("\n".join([f"readout_hz {readout_hz!r}", *sorted(lines)]).encode()).hexdigest()
+
+
+def has_frames(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file on a disk is HDF5 that holds frames, ours or others'."""
+    if not (Path(path).is_file() and h5py.is_hdf5(path)):
+        return False
+    try:
+        with h5py.File(path, "r") as file:
+            return holds(file, "frames")
+    except OSError:
+        return False
+
+
+def open_frames(path: str | os.PathLike[str]) -> "FrameFile":
+    """Open the file of a frame camera; close it, or use it in a ``with`` block.
+
+    Raises BadInput if it is missing, no such file, of another layout version, or not complete.
+    """
+    return FrameFile(Path(path))
+
+
+@contextmanager
+def _report_damage(path: Path) -> Iterator[None]:
+    """Raise BadInput instead of what HDF5 raises for a file that is damaged."""
+    try:
+        yield
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        raise BadInput(
+            f"is damaged: {str(error).splitlines()[0]:.120}", where=str(path), hint="record it again, or copy it again"
+        ) from error
+
+
+class FrameFile:
+    """An open file of a frame camera, a recording that can be judged; files from untrusted sources are safe to open.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    shape : tuple of int
+        (T, H, W): frames, rows and columns.
+    readout_hz : float
+        Frames per second.
+    metadata : Metadata
+        Lens, light and truth, as in a stream file; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are its.
+    content_sha256 : str
+        Digest of the content.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path: AnyPath = path
+        self._where = path
+        with _report_damage(path):
+            self._open(str(path))
+
+    def _open(self, where: str) -> None:
+        if not self._where.is_file():
+            raise BadInput("there is no such file", where=where, allowed="a file (.h5) of saf-gen recapture")
+        try:
+            self._file = h5py.File(self._where, "r")
+        except OSError as error:
+            raise BadInput(f"cannot be read as HDF5: {error}", where=where, allowed="a file of frames (.h5)") from error
+        if not holds(self._file, "frames") or "format" not in self._file.attrs:
+            raise BadInput(
+                "is HDF5, but holds no frames of ours", where=where, allowed=f"attribute format = {FORMAT!r}"
+            )
+        if (layout := read_attribute(self._file, "layout", number=True)) != LAYOUT:
+            raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(LAYOUT))
+        # All texts are checked before any is read.
+        self._small = dict(read_small_datasets(self._file, where, bulk=("frames",)))
+        if (found := read_attribute(self._file, "format")) != FORMAT:
+            raise BadInput(f"its format is {found!r}", where=where, allowed=FORMAT)
+        self._frames = open_dataset(self._file, "frames", where=where, bulk=True)
+        if self._frames.dtype != np.uint16 or self._frames.ndim != 3 or 0 in self._frames.shape:
+            raise BadInput(
+                f"/frames is {self._frames.dtype} {self._frames.shape}", where=where, allowed="uint16 (T, H, W)"
+            )
+        hz = read_attribute(self._file, "readout_hz", number=True)
+        if hz is None or not 0 < float(hz) < np.inf:
+            raise BadInput("it does not say its frames per second", where=where, hint="make it again")
+        self.shape: tuple[int, int, int] = self._frames.shape
+        self.readout_hz, self.content_sha256 = float(hz), str(read_attribute(self._file, "content_sha256"))
+        if self._frames.chunks != (1, *self.shape[1:]) or self._frames.id.get_num_chunks() < self.shape[0]:
+            raise BadInput("/frames was not written to its end", where=where, hint="make it again")
+        self.metadata = metadata_from_datasets(self._small, self.shape)
+        self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
+        self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __repr__(self) -> str:
+        frames, rows, columns = self.shape
+        return f"<FrameFile {self._where.name}: {frames:,} frames of {columns}×{rows} at {self.readout_hz:g} Hz>"
+
+    def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
+        """Return frames ``first <= t < stop``, uint16 (stop - first, h, w).
+
+        Raises BadInput if the window is empty or leaves the recording, the region leaves the frame, or the file is
+        damaged.
+        """
+        window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
+        rows, columns = validate_region(region, self.shape[1:], where=str(self.path))
+        with _report_damage(self._where):
+            found: np.ndarray = self._frames[window.start : window.stop, rows, columns]
+        return found
+
+    def counts(self, first: int, stop: int, *, region: Region | None = None, filled: bool = True) -> np.ndarray:
+        """Return the sum of frames ``first <= t < stop``, uint32 (h, w); raise BadInput as :meth:`frames` does."""
+        total = np.zeros(region_shape(validate_region(region, self.shape[1:], where=str(self.path))), np.uint32)
+        window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
+        for frame in range(window.start, window.stop):  # one at a time, so that memory does not grow with the window
+            total += self.frames(frame, frame + 1, region=region)[0]
+        return total
+
+    def filling(self, region: Region | None = None) -> Filling:
+        """Return what fills masked pixels, of which these files have none."""
+        return Filling(None, validate_region(region, self.shape[1:], where=str(self.path)))
+
+    def packed(self, first_byte: int, stop_byte: int, *, region: Region | None = None) -> NoReturn:
+        """Raise BadInput, because a frame camera has no spikes."""
+        raise BadInput("a frame camera has no spikes", where=str(self.path), allowed="sums of frames")
+
+    def texture(self, first: int, stop: int, *, region: Region | None = None) -> NoReturn:
+        """Raise BadInput, because a frame camera has no intervals between spikes."""
+        raise BadInput("a frame camera has no intervals between spikes", where=str(self.path), allowed="sums of frames")
+
+    def verify(self) -> None:
+        """Read the whole file; raise BadInput if its content does not match its digest."""
+        sha = hashlib.sha256()
+        for frame in range(self.shape[0]):
+            sha.update(self.frames(frame, frame + 1).astype("<u2").tobytes())
+        found = _content_digest(self._small, sha.hexdigest(), shape=self.shape, readout_hz=self.readout_hz)
+        if found != self.content_sha256:
+            raise BadInput(
+                f"the content has SHA-256 {found[:12]}...", where=str(self.path),
+                allowed=f"{self.content_sha256:.12}... as stored", hint="make it again",
+            )  # fmt: skip
+
+
+def check_replaceable(path: Path) -> None:
+    """Raise BadInput if an output would replace a link, or something that is not a file of frames."""
+    refuse_link(path)
+    if path.exists():
+        with open_frames(path):
+            pass
