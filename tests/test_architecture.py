@@ -25,6 +25,7 @@ IMPORTERS = {
     "h5py": [
         "stream.checked_file",
         "stream.event_file",
+        "stream.frame_file",
         "stream.stream_file",
         "stream.stream_writer",
         "stream.interop.array_files",
@@ -55,7 +56,7 @@ IMPORTERS = {
     "gymnasium": ["benchmark.gym"],
     "torch": ["torch"],
     "onnxruntime": ["core.onnx_network"],
-    "yaml": ["core.config.yaml_document", "generate.run", "stack.recapture"],
+    "yaml": ["core.config.yaml_document", "generate.run", "stack.frame_capture", "stack.recapture"],
 }
 """Heavy dependencies, and the only folders or modules that import them."""
 

@@ -32,7 +32,7 @@ def list_scenes_command(*, as_json: AsJson = False) -> None:
         Column("scene", "id"),
         Column("title", "title", folds=True),
         Column("light groups", "lights", ", ".join, folds=True),
-        Column("roles", lambda card: ", ".join(card.light_roles.values()), folds=True),
+        Column("roles", lambda card: ", ".join(card.light_roles.values()), folds=True, detail=1),
         Column("lens", "lens.summary", folds=True),
         Column("licence", "licence", detail=1),
     ]

@@ -291,6 +291,28 @@ FAULTS = {
             "stack/test_recapture.py::test_as_many_photons_are_detected_as_the_light_has",
         ),
     ),
+    "rolling skew reversed": Fault(
+        "A rolling shutter begins with the last row.",
+        (
+            Change(
+                "stack.frame_capture",
+                "np.arange(placed.rows) * placed.row_s",
+                "np.arange(placed.rows)[::-1] * placed.row_s",
+            ),
+        ),
+        (
+            "stack/test_frame_capture.py::test_rows_of_a_rolling_shutter_are_exposed_one_after_the_other",
+            "stack/test_frame_capture.py::test_in_rising_light_the_lower_rows_of_a_rolling_shutter_are_brighter",
+        ),
+    ),
+    "read noise twice": Fault(
+        "A frame camera reads with twice its noise.",
+        (Change("camera.frames.camera", "* sensor.read_noise_e", "* (2 * sensor.read_noise_e)"),),
+        (
+            "camera/test_frames.py::test_photon_transfer_is_that_of_shot_read_and_quantisation_noise",
+            f"{EACH_LAW}[frames_photon_transfer]",
+        ),
+    ),
     "import flipped": Fault(
         "Raw frames are read upside down, both those whose top row comes first and those whose bottom row does.",
         (Change("stream.interop.raw_frames", "- y if flip else y", "- y if not flip else y"),),

@@ -1,0 +1,111 @@
+"""Frame cameras: photon transfer, saturation, quantisation, and what must not change a frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refusals import refusal
+
+from saf_gen.camera.frames import FrameCamera, FrameSensor, frame_sensor_names, get_frame_sensor
+from saf_gen.camera.frames.sensor import exposure_for
+
+SHAPE = (60, 80)
+QUIET = {"shot": False, "read": False, "dark": False, "response": False}
+LIMIT = 4.4  # standard deviations: one in 100,000 of a normal law; all seeds are stated
+
+
+def sensor_of(**changes) -> FrameSensor:
+    return get_frame_sensor("imx273", noise=QUIET | changes.pop("noise", {}), **changes)
+
+
+def frames(sensor, charge, *, count=40, seed=1):
+    camera = FrameCamera(sensor, SHAPE, seed=seed)
+    return np.stack([camera.expose(np.full(SHAPE, float(charge)), frame=n) for n in range(count)]).astype(np.float64)
+
+
+@pytest.mark.parametrize("charge", [0.0, 10.0, 500.0, 7000.0])
+def test_photon_transfer_is_that_of_shot_read_and_quantisation_noise(charge):
+    """Var = (charge + read²)/K² + 1/12, with K electrons per level, where nothing is cut off at 0 (EMVA 1288, 2.2)."""
+    sensor = sensor_of(noise={"shot": True, "read": True}, read_noise_e=30.0)
+    seen = frames(sensor, charge + 400)  # far enough above 0
+    k, wanted = sensor.electrons_per_level, charge + 400
+    assert abs(seen.mean() - wanted / k) < LIMIT * np.sqrt(wanted + 900) / k / np.sqrt(seen.size)
+    variance = (wanted + 30.0**2) / k**2 + 1 / 12
+    assert abs(seen.var() / variance - 1) < LIMIT * np.sqrt(2 / seen.size) + 2e-3
+
+
+def test_pixels_and_frames_are_independent():
+    seen = frames(sensor_of(noise={"shot": True, "read": True}), 2000.0, seed=3)
+    off = seen - seen.mean()
+    for a, b in ((off[1:], off[:-1]), (off[:, 1:], off[:, :-1]), (off[:, :, 1:], off[:, :, :-1])):
+        assert abs((a * b).mean() / off.var()) * np.sqrt(a.size) < LIMIT
+
+
+@pytest.mark.parametrize(("charge", "level"), [(0.0, 0), (10_500.0, 4095), (1e6, 4095), (5252.0, 2048)])
+def test_a_well_is_full_at_the_largest_number(charge, level):
+    assert (frames(sensor_of(), charge, count=1) == level).all()
+
+
+def test_every_number_of_bits_has_its_levels():
+    for bits in (1, 8, 12, 16):
+        seen = frames(sensor_of(bits=bits), 10_500.0, count=1)
+        assert (seen == 2**bits - 1).all()
+
+
+def test_dark_current_and_response_differ_between_pixels_and_stay():
+    dark = sensor_of(dark_e_per_s=1e6, dark_hot_fraction=0.0, noise={"dark": True})
+    seen = frames(dark, 0.0, count=2) * dark.electrons_per_level
+    np.testing.assert_array_equal(seen[0], seen[1])
+    assert seen[0].mean() == pytest.approx(1e6 * dark.exposure_s, rel=0.05)
+    assert np.log(seen[0]).std() == pytest.approx(0.5, rel=0.1)
+    lit = frames(sensor_of(response_rms=0.05, noise={"response": True}), 5000.0, count=2)
+    np.testing.assert_array_equal(lit[0], lit[1])
+    assert lit[0].std() / lit[0].mean() == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_frame_is_the_same_whatever_was_exposed_before():
+    noisy = sensor_of(noise=dict.fromkeys(QUIET, True))
+    first, second = FrameCamera(noisy, SHAPE, seed=5, device_seed=7), FrameCamera(noisy, SHAPE, seed=5, device_seed=7)
+    charge = np.full(SHAPE, 900.0)
+    first.expose(charge, frame=0)
+    np.testing.assert_array_equal(first.expose(charge, frame=1), second.expose(charge, frame=1))
+    other = FrameCamera(noisy, SHAPE, seed=6, device_seed=7).expose(charge, frame=1)
+    assert (other != second.expose(charge, frame=1)).mean() > 0.5
+
+
+def test_an_exposure_is_chosen_for_the_light():
+    sensor = sensor_of()
+    assert exposure_for(np.array([5e6, 15e6]), sensor).exposure_s == pytest.approx(0.5 * 10_500 / 1e7)
+    assert exposure_for(np.array([1.0]), sensor).exposure_s == pytest.approx(1 / sensor.readout_hz)
+    assert exposure_for(np.array([0.0]), sensor).exposure_s == pytest.approx(1 / sensor.readout_hz)
+    assert exposure_for(np.array([1e15]), sensor).exposure_s == sensor.shortest_exposure_s
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"exposure_s": 0.002}, "exposure_s is 0.002"),
+        ({"exposure_s": 1e-7}, "exposure_s is 1e-07"),
+        ({"shutter": "rolling"}, "above 0 with rolling"),
+        ({"row_s": 1e-5}, "0 with global"),
+        ({"shutter": "mechanical"}, "'mechanical'"),
+        ({"bits": 17}, "1 to 16"),
+        ({"bits": 8.5}, "whole number"),
+        ({"full_well_e": 0}, "10 to 1e+07"),
+        ({"noise": {"dust": True}}, "dust"),
+        ({"kind": "spad"}, "'spad'"),
+    ],
+)
+def test_what_no_frame_camera_can_be_is_refused(changes, words):
+    assert words in str(refusal(get_frame_sensor, "imx273", **changes))
+
+
+def test_unknown_cameras_and_wrong_light_are_refused():
+    assert "did you mean 'imx273'?" in str(refusal(get_frame_sensor, "imx237"))
+    camera = FrameCamera(sensor_of(), SHAPE, seed=1)
+    assert "shape" in str(refusal(camera.expose, np.zeros((3, 3)), frame=0))
+    for wrong in (-1.0, np.nan, np.inf):
+        assert "negative or not finite" in str(refusal(camera.expose, np.full(SHAPE, wrong), frame=0))
+    assert "the array's shape" in str(refusal(FrameCamera, sensor_of(), (0, 5), seed=1))
+    assert frame_sensor_names() == ["imx273"]
+    assert replace(sensor_of(), bits=8).levels == 255
