@@ -43,7 +43,7 @@ EXAMPLES = {
     ),
     "recapture": (
         "recapture datasets/quickstart --sensor davis346",
-        "recapture datasets/quickstart --sensor swissspad3 --split test --out elsewhere",
+        "recapture datasets/quickstart --sensor swissspad3 --out elsewhere",
     ),
     "inspect": ("inspect recording.h5", "inspect recording.h5 --json"),
     "view": (
