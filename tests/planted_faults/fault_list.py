@@ -58,6 +58,29 @@ FAULTS = {
             "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
         ),
     ),
+    "near for far": Fault(
+        "The blur of a pixel is positive in front of the plane in focus, as if the surface lay behind it.",
+        (Change("stream.defocus_blur", "(-width_px * self", "(width_px * self"),),
+        (
+            "stream/test_defocus_blur.py::test_blur_is_the_law_of_the_thin_lens_in_every_frame",
+            "stream/test_defocus_blur.py::test_what_is_behind_the_plane_in_focus_is_positive",
+        ),
+    ),
+    "blur over the image in focus": Fault(
+        "The blur of a pixel is A·|v - v'|/v, as for small defocus, and not over the image distance v' of the surface.",
+        (
+            Change(
+                "stream.defocus_blur",
+                "(-width_px * self.drive.defocus(position, self.depth))",
+                "(-width_px * (d := self.drive.defocus(position, self.depth))"
+                " / (1 - self.drive.image_distance(position) * d))",
+            ),
+        ),
+        (
+            "stream/test_defocus_blur.py::test_blur_is_the_law_of_the_thin_lens_in_every_frame",
+            "stream/test_defocus_blur.py::test_a_liquid_lens_and_a_stage_obey_it_too",
+        ),
+    ),
     "no cos⁴": Fault(
         "The corners of the sensor get as much light as its middle.",
         (Change("camera.exposure", "/ v2 * cos2 * cos2", "/ v2 * cos2**0"),),
