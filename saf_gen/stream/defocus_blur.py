@@ -15,13 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.camera import parse_sensor
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.core.region import Region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, drive_from_dict
-from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stream.metadata import ReadableStream
 
 PROVENANCE_KEY = "lens"
@@ -156,6 +153,10 @@ def _lens_of_card(stream: ReadableStream) -> tuple[Drive, float, tuple[float, fl
 
     Raises an error of ``_UNREADABLE`` if the file does not state its scene or sensor, or there is no such scene.
     """
+    from saf_gen.camera import parse_sensor  # these take a second to load, and newer streams need none of them
+    from saf_gen.core.config.yaml_document import parse_yaml
+    from saf_gen.scene.scene_folder import find_scene
+
     provenance = stream.metadata.provenance
     sequence = load_plain_json(provenance["sequence"])
     recipe = parse_yaml(provenance["recipe"], f"{stream.path} /provenance/recipe").data

@@ -19,7 +19,6 @@ import numpy as np
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.count_cache import KeptCounts, counts_dtype, keep_counts
-from saf_gen.stream.defocus_blur import DefocusBlur, known_depth
 from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -187,13 +186,15 @@ class SpikeWindows:
             chosen = self.target
             return lambda at: chosen(stream, int(firsts[at]), int(firsts[at]) + self.window)
         moments = firsts + self.window // 2
+        if self.target in ("error", "position"):
+            return partial(getitem, self._targets_at(stream, moments))
+        from saf_gen.stream.defocus_blur import DefocusBlur, known_depth  # the optics take half a second to load
+
         if self.target == "depth":
             depth = known_depth(stream)[self._box(stream)].copy()
             return lambda at: depth.copy()  # a network may change its targets in place
-        if self.target == "blur":
-            blur = DefocusBlur.of_stream(stream, region=self._box(stream))
-            return lambda at: blur.at(int(moments[at]))
-        return partial(getitem, self._targets_at(stream, moments))
+        blur = DefocusBlur.of_stream(stream, region=self._box(stream))
+        return lambda at: blur.at(int(moments[at]))
 
     def _targets_at(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
         """Return the targets at these frames, float32: the truth, or the truth minus the position of the lens."""

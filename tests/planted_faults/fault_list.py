@@ -81,6 +81,14 @@ FAULTS = {
             "stream/test_defocus_blur.py::test_a_liquid_lens_and_a_stage_obey_it_too",
         ),
     ),
+    "light of a point": Fault(
+        "The all-in-focus picture has the light that the aperture of a point collects, not the lens of the recording.",
+        (Change("stack.all_in_focus", "sensor, lens=lens,", "sensor, lens=self.spec.drive,"),),
+        (
+            "render/test_all_in_focus.py::test_in_focus_it_is_the_recorded_picture_of_each_light",
+            "render/test_all_in_focus.py::test_its_light_is_that_of_the_aperture_of_the_recording",
+        ),
+    ),
     "no cos⁴": Fault(
         "The corners of the sensor get as much light as its middle.",
         (Change("camera.exposure", "/ v2 * cos2 * cos2", "/ v2 * cos2**0"),),
