@@ -11,6 +11,7 @@ card states the lens; it is used if it agrees with the distances and the depth o
 import json
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -73,9 +74,21 @@ class DefocusBlur:
         It is positive behind the plane in focus, and -inf at the lens and behind it.
         """
         position = float(self.position[frame])
-        # Drive.defocus is 1/u' - 1/u, which is positive in front of the plane in focus.
-        width_px = 2 * self.drive.aperture_radius_m * float(self.drive.image_distance(position)) / self.pitch_m
-        return (-width_px * self.drive.defocus(position, self.depth)).astype(np.float32)
+        lens, shift = self.drive, float(self.drive.shift(position))
+        width_px = 2 * lens.aperture_radius_m * float(lens.image_distance(position)) / self.pitch_m
+        vergence = _vergence(self.depth - shift) if shift else self._vergence_on_the_card
+        return (width_px * (1 / float(lens.object_distance(position)) - vergence)).astype(np.float32)
+
+    @cached_property
+    def _vergence_on_the_card(self) -> np.ndarray:
+        """1/u' of each pixel (1/m) from a lens where the card places it, which only a stage leaves."""
+        return _vergence(self.depth)
+
+
+def _vergence(distance: np.ndarray) -> np.ndarray:
+    """Return 1/u' for distances from the lens; infinite at the lens and behind it."""
+    out = np.full(distance.shape, np.inf)
+    return np.divide(1.0, distance, out=out, where=distance > 0)
 
 
 def blur_at(stream: ReadableStream, frame: int) -> np.ndarray:

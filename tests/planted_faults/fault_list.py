@@ -60,7 +60,13 @@ FAULTS = {
     ),
     "near for far": Fault(
         "The blur of a pixel is positive in front of the plane in focus, as if the surface lay behind it.",
-        (Change("stream.defocus_blur", "(-width_px * self", "(width_px * self"),),
+        (
+            Change(
+                "stream.defocus_blur",
+                "object_distance(position)) - vergence)",
+                "object_distance(position)) - vergence) * -1",
+            ),
+        ),
         (
             "stream/test_defocus_blur.py::test_blur_is_the_law_of_the_thin_lens_in_every_frame",
             "stream/test_defocus_blur.py::test_what_is_behind_the_plane_in_focus_is_positive",
@@ -71,9 +77,9 @@ FAULTS = {
         (
             Change(
                 "stream.defocus_blur",
-                "(-width_px * self.drive.defocus(position, self.depth))",
-                "(-width_px * (d := self.drive.defocus(position, self.depth))"
-                " / (1 - self.drive.image_distance(position) * d))",
+                "(1 / float(lens.object_distance(position)) - vergence)",
+                "(d := 1 / float(lens.object_distance(position)) - vergence)"
+                " / (1 + d * float(lens.image_distance(position)))",
             ),
         ),
         (
