@@ -21,6 +21,8 @@ from saf_gen.stack.noise_free import find_optima, noise_free_sharpness
 from saf_gen.stack.picture_stack import describe_picture_truth, find_picture_truth
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
 from saf_gen.stack.true_focus import find_true_focus
+from saf_gen.stream.defocus_blur import PROVENANCE_KEY as LENS_KEY
+from saf_gen.stream.defocus_blur import lens_to_text
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.optima import PROVENANCE_KEY as OPTIMA_KEY
 from saf_gen.stream.optima import optima_to_text
@@ -177,6 +179,7 @@ class Recorder:
                 "stack": "\n".join(spec.key for spec in time_stack.specs),
                 "stack_digest": plane_source.digest,
                 "variant": plane_source.backend,
+                **({} if photographed else {LENS_KEY: lens_to_text(spec.drive, pitch_m=spec.pitch_m)}),
                 **({} if grain is None else {GRAIN_KEY: grain.to_text()}),
                 **({"photographed": describe_picture_truth(spec, optima)} if photographed else {}),
                 **({OPTIMA_KEY: optima_to_text(optima)} if optima else {}),

@@ -12,6 +12,7 @@ from saf_gen.core.files import check_apart
 from saf_gen.core.region import Region, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import focus_crossings
+from saf_gen.stream.defocus_blur import PROVENANCE_KEY as LENS_KEY
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.stream_writer import StreamWriter
@@ -30,9 +31,9 @@ def cut_stream(
     """Write frames ``first <= t < stop`` of a stream, in a region, as the file ``out``; return its content_sha256.
 
     Lens, light and truth follow. The frame of best focus counts from the new beginning; it is NaN if the lens does not
-    pass the focus in these frames. Of the provenance, the sensor stays, and a text ``cut`` names the stream and its
-    part: a part cannot be recorded again as its whole could. Noise-free sharpness stays if it is still that of the
-    part: in a scene at rest whose rows and columns are all kept.
+    pass the focus in these frames. Of the provenance, the sensor and the lens stay, and a text ``cut`` names the stream
+    and its part: a part cannot be recorded again as its whole could. Noise-free sharpness stays if it is still that of
+    the part: in a scene at rest whose rows and columns are all kept.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
         "stream": stream.content_sha256, "frames": [window.start, window.stop],
         "rows": [rows.start, rows.stop], "columns": [columns.start, columns.stop],
     }  # fmt: skip
-    kept = {name: text for name, text in held.provenance.items() if name == "sensor"}
+    kept = {name: text for name, text in held.provenance.items() if name in ("sensor", LENS_KEY)}
     whole = (rows.stop - rows.start, columns.stop - columns.start) == stream.shape[1:]
     lens = None if held.lens_position is None else held.lens_position[span]
     truth = _cut_truth(stream.truth, window, lens=lens)

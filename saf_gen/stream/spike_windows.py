@@ -9,7 +9,8 @@ import json
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from operator import index
+from functools import partial
+from operator import getitem, index
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from saf_gen.stream.manifest import SequenceEntry, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 COUNTS_FOLDER = "counts"
-TARGETS = ("error", "position")
+TARGETS = ("error", "position", "depth", "blur")
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,13 @@ class Window:
 
 @dataclass(frozen=True)
 class _Sequence:
-    """Counts and targets of the windows of a sequence; the stream is open only if a function computes the targets."""
+    """Counts and targets of the windows of a sequence; the stream is open only if a function of the user reads it.
+
+    ``target_at`` returns the target of a window from its number in the sequence.
+    """
 
     counts: KeptCounts
-    targets: np.ndarray
+    target_at: Callable[[int], Any]
     stream: SpikeStream
 
 
@@ -67,8 +71,10 @@ class SpikeWindows:
         target; the box is shifted into the frame. By default the whole frame is used.
     target : str or callable, default "error"
         ``error`` is the move that brings the lens into focus: the truth minus the position of the lens. ``position`` is
-        the truth. Both are fractions of the travel in the middle of the window, float32 (). A function of (stream,
-        first, stop) may return anything.
+        the truth. Both are fractions of the travel in the middle of the window, float32 (). ``depth`` is the depth of
+        what each pixel shows, in metres, and ``blur`` the signed diameter of its blur in the middle of the window, in
+        pixels (:meth:`SpikeStream.blur`), both float32 (h, w) of the same pixels as the counts. A function of
+        (stream, first, stop) may return anything.
     counts : str or Path, optional
         Folder that keeps the counts: one byte per window and pixel, or two for windows of more than 255 frames. By
         default ``counts`` in the dataset. It may be deleted when nothing reads it.
@@ -82,8 +88,9 @@ class SpikeWindows:
     ------
     BadInput
         If the folder is not a dataset, the split or target is unknown, or a number is not allowed; and, when a window
-        is read, if the stream lacks the truth or the lens positions that its target needs, if ``crop`` is not
-        within the frame, or if the folder for the counts cannot be written.
+        is read, if the stream lacks the truth, the lens positions or the aperture that its target needs, if its scene
+        moves and the target is its depth or blur, if ``crop`` is not within the frame, or if the folder for the counts
+        cannot be written.
     """
 
     def __init__(
@@ -121,10 +128,7 @@ class SpikeWindows:
     def __getitem__(self, number: int) -> tuple[np.ndarray, Any]:
         window = self.windows[number]
         sequence, at = self._sequence(window.sequence), window.first // self.stride
-        counts = sequence.counts.read(at).astype(np.float32)[None]
-        if callable(self.target):
-            return counts, self.target(sequence.stream, window.first, window.stop)
-        return counts, sequence.targets[at]
+        return sequence.counts.read(at).astype(np.float32)[None], sequence.target_at(at)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_sequences": {}}
@@ -142,12 +146,10 @@ class SpikeWindows:
             with ExitStack() as undo:
                 stream = undo.enter_context(open_stream(self.dataset / entry.file))
                 counts = self._keep_counts(stream, entry.id, firsts=firsts)
+                target_at = self._target_of(stream, firsts)
                 if callable(self.target):
                     undo.pop_all()  # the target function reads the open stream
-                    targets = np.empty(0, np.float32)
-                else:
-                    targets = self._targets_at(stream, firsts + self.window // 2)
-                self._sequences[entry.id] = _Sequence(counts, targets, stream)
+                self._sequences[entry.id] = _Sequence(counts, target_at, stream)
         return self._sequences[entry.id]
 
     def _keep_counts(self, stream: SpikeStream, name: str, *, firsts: np.ndarray) -> KeptCounts:
@@ -177,6 +179,22 @@ class SpikeWindows:
             for side, n, length in zip(box, self.crop, frame, strict=True)
         ]
         return slice(begins[0], begins[0] + self.crop[0]), slice(begins[1], begins[1] + self.crop[1])
+
+    def _target_of(self, stream: SpikeStream, firsts: np.ndarray) -> Callable[[int], Any]:
+        """Return the function that returns the target of the window which begins at ``firsts[at]``, from ``at``."""
+        if callable(self.target):
+            chosen = self.target
+            return lambda at: chosen(stream, int(firsts[at]), int(firsts[at]) + self.window)
+        moments = firsts + self.window // 2
+        if self.target in ("error", "position"):
+            return partial(getitem, self._targets_at(stream, moments))
+        from saf_gen.stream.defocus_blur import DefocusBlur, known_depth  # the optics take half a second to load
+
+        if self.target == "depth":
+            depth = known_depth(stream)[self._box(stream)].copy()
+            return lambda at: depth.copy()  # a network may change its targets in place
+        blur = DefocusBlur.of_stream(stream, region=self._box(stream))
+        return lambda at: blur.at(int(moments[at]))
 
     def _targets_at(self, stream: SpikeStream, moments: np.ndarray) -> np.ndarray:
         """Return the targets at these frames, float32: the truth, or the truth minus the position of the lens."""

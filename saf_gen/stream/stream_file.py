@@ -401,6 +401,32 @@ class SpikeStream:
         with self._report_damage():
             return self._time_blocks.packed(window.start, window.stop, region=part)
 
+    def blur(self, frame: int) -> np.ndarray:
+        """Return the blur of every pixel at a frame, by the law of the thin lens, with its sign.
+
+        It is the diameter of the circle of confusion of what the pixel shows, without aberrations and waves. It is
+        positive where that lies behind the plane in focus, and negative in front of it.
+
+        Parameters
+        ----------
+        frame : int
+            The frame, from 0; the lens is where it is in the middle of its readout.
+
+        Returns
+        -------
+        ndarray of float32, shape (H, W)
+            Signed diameter in pixels; -inf at the lens and behind it.
+
+        Raises
+        ------
+        BadInput
+            If there is no such frame, if the stream lacks ``truth.depth``, the positions of its lens, or its aperture
+            and pixel pitch, or if its scene moves, so that its depth is that of one moment.
+        """
+        from saf_gen.stream.defocus_blur import blur_at
+
+        return blur_at(self, frame)
+
     def verify(self) -> None:
         """Read the whole file and compare it with its digests.
 

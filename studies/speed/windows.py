@@ -17,13 +17,17 @@ from saf_gen.camera import get_sensor
 from saf_gen.core.execution.executor import run_jobs
 from saf_gen.core.execution.job import ReportProgress
 from saf_gen.core.seeds import make_generator
+from saf_gen.optics import ImageDistanceDrive
+from saf_gen.stream.defocus_blur import PROVENANCE_KEY, lens_to_text
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.spike_windows import SpikeWindows
+from saf_gen.stream.stream_writer import write_stream
 from studies.speed import synthetic
 from studies.speed.bench import Figure, Size, main, peak_gib, shape_text
 
 WINDOW, PROCESSES = 100, 2
-MIN_PER_SECOND, MAX_GIB = 1_500.0, 1.0
+MIN_PER_SECOND, MIN_DENSE_PER_SECOND, MAX_GIB = 1_500.0, 1_000.0, 1.0
+DENSE_FRAMES = 400
 
 
 def run(size: Size) -> Iterator[Figure | str]:
@@ -43,6 +47,34 @@ def run(size: Size) -> Iterator[Figure | str]:
     yield Figure("random windows in the first pass, which counts and caches them", first, "/s")
     memory = max(gib for *_, gib in found)
     yield Figure("peak memory of a process that reads", memory, "GiB", MAX_GIB, at_most=True)
+    for target in ("depth", "blur"):
+        rate = _dense_rate(size, target=target)
+        yield Figure(f"the same in one process, with the {target} of every pixel", rate, "/s", MIN_DENSE_PER_SECOND)
+
+
+def _dense_rate(size: Size, *, target: str) -> float:
+    """Return the windows per second that one process reads in random order from kept counts, with a dense target."""
+    sensor = get_sensor(size.sensor)
+    shape, random = (sensor.rows, sensor.columns), make_generator("bench", "dense")
+    lens = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
+    with TemporaryDirectory() as folder:
+        write_stream(
+            Path(folder, "0.h5"),
+            random.integers(0, 2, (DENSE_FRAMES, *shape), dtype=np.uint8),
+            focus_position=np.linspace(0, 1, DENSE_FRAMES, dtype=np.float32),
+            truth={"position": 0.5, "depth": random.uniform(0.4, 2.0, shape).astype(np.float32)},
+            provenance={PROVENANCE_KEY: lens_to_text(lens, pitch_m=sensor.pitch_m)},
+        )
+        entry = SequenceEntry(
+            "0", "train", "bench", 0, "static", "sweep", "constant", 0, 0, "0.h5", DENSE_FRAMES, "", ""
+        )
+        write_manifest(Path(folder), Manifest("bench", "", "none", (entry,)))
+        windows = SpikeWindows(folder, window=WINDOW, stride=10, target=target)
+        windows[0]  # counts and keeps them
+        begin = perf_counter()
+        for number in random.integers(len(windows), size=size.reads):
+            windows[int(number)]
+        return size.reads / (perf_counter() - begin)
 
 
 def _make_dataset(folder: Path, size: Size) -> None:

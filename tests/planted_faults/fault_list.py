@@ -58,6 +58,43 @@ FAULTS = {
             "optics/test_microscope.py::test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms",
         ),
     ),
+    "near for far": Fault(
+        "The blur of a pixel is positive in front of the plane in focus, as if the surface lay behind it.",
+        (
+            Change(
+                "stream.defocus_blur",
+                "object_distance(position)) - vergence)",
+                "object_distance(position)) - vergence) * -1",
+            ),
+        ),
+        (
+            "stream/test_defocus_blur.py::test_blur_is_the_law_of_the_thin_lens_in_every_frame",
+            "stream/test_defocus_blur.py::test_what_is_behind_the_plane_in_focus_is_positive",
+        ),
+    ),
+    "blur over the image in focus": Fault(
+        "The blur of a pixel is A·|v - v'|/v, as for small defocus, and not over the image distance v' of the surface.",
+        (
+            Change(
+                "stream.defocus_blur",
+                "(1 / float(lens.object_distance(position)) - vergence)",
+                "(d := 1 / float(lens.object_distance(position)) - vergence)"
+                " / (1 + d * float(lens.image_distance(position)))",
+            ),
+        ),
+        (
+            "stream/test_defocus_blur.py::test_blur_is_the_law_of_the_thin_lens_in_every_frame",
+            "stream/test_defocus_blur.py::test_a_liquid_lens_and_a_stage_obey_it_too",
+        ),
+    ),
+    "light of a point": Fault(
+        "The all-in-focus picture has the light that the aperture of a point collects, not the lens of the recording.",
+        (Change("stack.all_in_focus", "sensor, lens=lens,", "sensor, lens=self.spec.drive,"),),
+        (
+            "render/test_all_in_focus.py::test_in_focus_it_is_the_recorded_picture_of_each_light",
+            "render/test_all_in_focus.py::test_its_light_is_that_of_the_aperture_of_the_recording",
+        ),
+    ),
     "no cos⁴": Fault(
         "The corners of the sensor get as much light as its middle.",
         (Change("camera.exposure", "/ v2 * cos2 * cos2", "/ v2 * cos2**0"),),
