@@ -22,13 +22,16 @@ BODY_Z, WALL_Z = -0.40, -1.5
 LAMP, WINDOW, ROOM = 11.0, 2.0, 0.09  # W m^-2 sr^-1
 KNOTS, SWAYS = 21, 0.7  # keyframes; sways in a second
 STITCH_M = 3.4e-3
+LOOP_DEPTH = 0.25  # of the stitch's contrast
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
     """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator."""
     random = np.random.default_rng([2841, int(params["seed"])])
     tone, knit = float(params["skin"]), float(random.choice([0.05, 0.12, 0.3, 0.5]))
-    wool = matte(texture(stitch(knit, random), repeat=(1 / LOOPS[0], 1 / LOOPS[1])))
+    loops = stitch(knit, random)
+    # Light fills the loops of a worn pullover: at full depth they would be sharper in focus than the hand before them.
+    wool = matte(texture(loops.mean() + LOOP_DEPTH * (loops - loops.mean()), repeat=(1 / LOOPS[0], 1 / LOOPS[1])))
     scene: dict[str, Any] = {}
     for name in ("hand", "other"):
         build_ = np.random.default_rng([2843, int(params["seed"])])  # both hands are one person's
