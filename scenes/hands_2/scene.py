@@ -29,9 +29,10 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator."""
     random = np.random.default_rng([2841, int(params["seed"])])
     tone, knit = float(params["skin"]), float(random.choice([0.05, 0.12, 0.3, 0.5]))
+    # The loops of a worn pullover are filled: at full depth they would be sharper than the hand before them.
     loops = stitch(knit, random)
-    # Light fills the loops of a worn pullover: at full depth they would be sharper in focus than the hand before them.
-    wool = matte(texture(loops.mean() + LOOP_DEPTH * (loops - loops.mean()), repeat=(1 / LOOPS[0], 1 / LOOPS[1])))
+    loops = loops.mean() + LOOP_DEPTH * (loops - loops.mean())
+    wool = matte(texture(loops, repeat=(1 / LOOPS[0], 1 / LOOPS[1])))
     scene: dict[str, Any] = {}
     for name in ("hand", "other"):
         build_ = np.random.default_rng([2843, int(params["seed"])])  # both hands are one person's
