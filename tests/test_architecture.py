@@ -26,6 +26,7 @@ IMPORTERS = {
         "stream.checked_file",
         "stream.event_file",
         "stream.frame_file",
+        "stream.full_disk",
         "stream.stream_file",
         "stream.stream_writer",
         "stream.interop.array_files",

@@ -90,7 +90,7 @@ class OtherCamera(ABC):
         write_manifest(target, replace(manifest, name=name, recipe_fingerprint=recipe, sequences=tuple(entries)))
         stacks = target / STACKS
         if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
-            stacks.symlink_to(os.path.relpath(dataset / STACKS, target), target_is_directory=True)
+            stacks.symlink_to(os.path.relpath((dataset / STACKS).resolve(), target.resolve()), target_is_directory=True)
         return read_manifest(target).next_command(target)
 
 

@@ -19,9 +19,10 @@ from typing import Any, NamedTuple, Self
 import h5py
 import numpy as np
 
-from saf_gen.core.files import atomic_file, refuse_link
+from saf_gen.core.files import atomic_file, refuse_link, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
+from saf_gen.stream.full_disk import new_hdf5
 from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
 
 FORMAT, LAYOUT = "saf-gen recapture", 1
@@ -80,8 +81,8 @@ class EventWriter:
 
     def __enter__(self) -> Self:
         self._atomic = atomic_file(self.path)
-        self._part = self._atomic.__enter__()
-        self._file = h5py.File(self._part, "w", libver="v110")  # its structures carry checksums
+        self._new = new_hdf5(self._atomic.__enter__())
+        self._file, self._disk = self._new.__enter__()
         for name, dtype in COLUMNS.items():
             self._file.create_dataset(
                 f"events/{name}", (0,), dtype, maxshape=(None,), chunks=(CHUNK,), compression="gzip",
@@ -115,6 +116,10 @@ class EventWriter:
             stored[self.count :] = column
             self._hashes[name].update(column.tobytes())
         self.count += t.size
+        try:
+            self._disk.check()
+        except OSError as full:
+            raise unwritable(self.path, full) from full
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -133,7 +138,11 @@ class EventWriter:
                 format=FORMAT, layout=LAYOUT, content_sha256=self.content_sha256, readout_hz=self.readout_hz,
                 frames=self.shape[0], rows=self.shape[1], columns=self.shape[2],
             )  # fmt: skip
-        self._file.close()
+        try:
+            self._new.__exit__(kind, error, trace)
+        except OSError as full:  # the last of it did not fit
+            self._atomic.__exit__(type(full), full, full.__traceback__)
+            raise
         self._atomic.__exit__(kind, error, trace)
 
 

@@ -20,6 +20,7 @@ from saf_gen.core.object_store import AnyPath
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
+from saf_gen.stream.full_disk import new_hdf5
 from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
 from saf_gen.stream.pixel_mask import Filling
 
@@ -59,7 +60,7 @@ def write_frames(
     """
     datasets = metadata_to_datasets(metadata, shape)
     sha, count = hashlib.sha256(), 0
-    with atomic_file(Path(path)) as part, h5py.File(part, "w", libver="v110") as file:
+    with atomic_file(Path(path)) as part, new_hdf5(part) as (file, disk):
         stored = file.create_dataset(
             "frames", shape, "uint16", chunks=(1, *shape[1:]), compression="gzip", compression_opts=1, shuffle=True
         )
@@ -67,6 +68,7 @@ def write_frames(
             if count == shape[0] or frame.shape != shape[1:]:
                 raise BadInput(f"frame {count} has the shape {frame.shape}", allowed=f"{shape[0]} of {shape[1:]}")
             stored[count] = frame
+            disk.check()
             sha.update(np.ascontiguousarray(frame, "<u2").tobytes())
             count += 1
         if count != shape[0]:

@@ -18,6 +18,7 @@ from saf_gen.core.files import atomic_file, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream import time_blocks
 from saf_gen.stream.checked_file import read_small_datasets
+from saf_gen.stream.full_disk import ErrorRecordingFile
 from saf_gen.stream.metadata import (
     FORMAT,
     LAYOUT,
@@ -31,57 +32,6 @@ from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, make_thread_pool
 
 class _WriteAborted(Exception):
     """Makes a writer undo its work; the caller's exception is not used, as it may be an OSError of another file."""
-
-
-class _ErrorRecordingFile:
-    """A new file to which HDF5 writes; ``error`` keeps the first error of the disk.
-
-    If the disk is full, HDF5 can neither write nor discard its buffers, and prints a traceback for each of its objects
-    that is freed. Therefore nothing more is written after an error, but every write still reports success to HDF5.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb+", buffering=0)
-        self.error: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        left = memoryview(data).cast("B")
-        while left and self.error is None:
-            try:
-                left = left[self._file.write(left) :]
-            except OSError as error:
-                self.error = error
-        return len(memoryview(data).cast("B"))
-
-    def truncate(self, size: int) -> int:
-        try:
-            return self._file.truncate(size)
-        except OSError as error:
-            self.error = self.error or error
-        return size
-
-    def readinto(self, data: Any) -> int:
-        return self._file.readinto(data) or 0
-
-    def read(self, size: int = -1) -> bytes:
-        return self._file.read(size) or b""
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def flush(self) -> None:
-        """Do nothing, because nothing is buffered."""
-
-    def close(self) -> None:
-        self._file.close()
-
-    def check(self) -> None:
-        """Raise the first error of the disk, if there was one."""
-        if self.error is not None:
-            raise self.error
 
 
 class StreamWriter:
@@ -138,7 +88,7 @@ class StreamWriter:
     def __enter__(self) -> Self:
         with ExitStack() as undo:
             self._part = undo.enter_context(atomic_file(self.path))
-            self._recording_file = _ErrorRecordingFile(self._part)
+            self._recording_file = ErrorRecordingFile(self._part)
             undo.callback(self._recording_file.close)
             self._file = h5py.File(self._recording_file, "w", libver="v110")  # its structures carry checksums
             undo.callback(self._close)
