@@ -10,8 +10,8 @@ from saf_gen.camera.spad import SpadSensor
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_intervals
 from saf_gen.plugins.measures import NORMALISED_SUFFIX
-from saf_gen.stream.event_recording import EventRecording, open_recording
 from saf_gen.stream.frame_file import FrameFile
+from saf_gen.stream.recordings import EventRecording, open_recording
 
 LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated"})
 """Measures that add 1/12 for the spike that two halves of a window share (:mod:`saf_gen.camera.counting_law`). Counts

@@ -343,6 +343,12 @@ def _interpolated(table: tuple[tuple[float, float], ...]) -> np.ndarray:
     return np.interp(NM, nm, values, left=0.0, right=0.0)
 
 
+OF_PLACE = (
+    "rows", "columns", "pitch_m", "fill_factor", "quantum_efficiency", "wavelength_m", "spectral_qe", "filter",
+    "exposure_s",
+)  # fmt: skip
+"""Fields that another camera has from where it stands and what it looks at, if it takes the place of a spike camera."""
+
 PRESETS = Presets("sensor", Sensor, folder=Path(__file__).parent / "sensors")
 
 

@@ -23,6 +23,9 @@ KINDS: dict[str, Presets[Any]] = {
 }  # fmt: skip
 """By what it reads out: the sensors that come with saf_gen."""
 
+OF_KIND = {"spad": "photons", "frames": "frames"}
+"""What a sensor reads out, by the ``kind`` in its file; files of spike and event cameras state none."""
+
 _NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)
 _AS_IN = re.compile(r"^#[^\n]*is as in[ \n#]+(\w+)\.yaml", re.MULTILINE)
 _USUAL: dict[str, tuple[float, float, float, str]] = {

@@ -15,6 +15,7 @@ from typing import Any
 
 from saf_gen.camera.events import EventSensor, event_sensor_names, get_event_sensor
 from saf_gen.camera.frames import FrameSensor, frame_sensor_names, get_frame_sensor
+from saf_gen.camera.sensor_files import OF_KIND
 from saf_gen.camera.spad import SpadSensor, get_spad_sensor, spad_sensor_names
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.yaml_document import read_yaml
@@ -285,7 +286,7 @@ def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:
     if is_preset_file(name):
         data = read_yaml(Path(name)).data
         stated = data.get("kind") if isinstance(data, dict) else None
-        kind = {"spad": "photons", "frames": "frames"}.get(str(stated), "events")
+        kind = OF_KIND.get(str(stated), "events")
     elif not (kind := next((kind for kind, known in names.items() if name in known), "")):
         allowed = [known for group in names.values() for known in group]
         raise unknown("camera", name, allowed=allowed, hint="or give the path of a .yaml file")

@@ -18,8 +18,8 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.errors import BadInput, closest, escape_controls
-from saf_gen.stream.event_recording import open_recording
 from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.recordings import open_recording
 
 MANIFEST_NAME = "manifest.json"
 FORMAT = "saf-gen dataset"

@@ -13,7 +13,7 @@ from saf_gen.camera.frames import get_frame_sensor
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.frame_capture import record_frames
 from saf_gen.stack.recapture import light_integrals
-from saf_gen.stream.event_recording import open_recording
+from saf_gen.stream.recordings import open_recording
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,8 @@ from refusals import refusal
 
 import saf_gen
 from saf_gen.stream.event_file import EventColumns, EventWriter
-from saf_gen.stream.event_recording import EventRecording, open_recording
 from saf_gen.stream.metadata import Metadata, Truth
+from saf_gen.stream.recordings import EventRecording, open_recording
 from saf_gen.stream.stream_file import SpikeStream
 
 SHAPE, HZ = (4000, 6, 9), 20_000

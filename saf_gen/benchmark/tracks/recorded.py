@@ -28,10 +28,10 @@ from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.plugins.searches import REJECT
-from saf_gen.stream.event_recording import Recording, open_recording
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
+from saf_gen.stream.recordings import Recording, open_recording
 from saf_gen.stream.stream_file import SpikeStream
 
 

@@ -18,8 +18,8 @@ from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.camera import Sensor
 from saf_gen.camera.events import event_sensor_names, get_event_sensor
-from saf_gen.camera.sensor_files import KINDS
-from saf_gen.camera.spad.sensor import OF_PLACE
+from saf_gen.camera.sensor import OF_PLACE
+from saf_gen.camera.sensor_files import KINDS, OF_KIND
 from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
 from saf_gen.core.config.json_document import load_plain_json
@@ -28,9 +28,9 @@ from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
-from saf_gen.stream.event_recording import Recording
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import grain_of_stream
+from saf_gen.stream.recordings import Recording
 
 RATE_BLOCKS = 200
 """Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
@@ -283,10 +283,6 @@ def _name(text: str) -> str | None:
     if sensor.name in presets.names() and digest == _digest(presets.get(sensor.name, {})):
         return str(sensor.name)
     return f"{sensor.name}#{digest[:6]}"
-
-
-OF_KIND = {"spad": "photons", "frames": "frames"}
-"""What a sensor reads out, by its ``kind``; one that states no kind is of a spike camera."""
 
 
 def _digest(sensor: Any) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from saf_gen.core.files import name_as_text
 from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest, unknown
-from saf_gen.stream.event_recording import Recording
 from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, read_manifest
+from saf_gen.stream.recordings import Recording
 
 
 @dataclass(frozen=True)

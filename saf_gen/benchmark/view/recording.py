@@ -8,9 +8,9 @@ import numpy as np
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
-from saf_gen.stream.event_recording import Recording
 from saf_gen.stream.interval_texture import window_time_texture
 from saf_gen.stream.measure_input import Form
+from saf_gen.stream.recordings import Recording
 
 KNOTS = 256
 """Maximum number of frames at which running sums are kept; there are fewer if they would exceed KNOT_BYTES."""

@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from saf_gen.camera.sensor import (
     CURVES,
+    OF_PLACE,
     PixelCount,
     ResponseRms,
     Sensor,
@@ -187,12 +188,6 @@ class FrameSensor:
         """Return a copy that stands on the grid of a spike camera, and collects as many electrons as that does."""
         return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE if name != "exposure_s"})
 
-
-OF_PLACE = (
-    "rows", "columns", "pitch_m", "fill_factor", "quantum_efficiency", "wavelength_m", "spectral_qe", "filter",
-    "exposure_s",
-)  # fmt: skip
-"""Fields that a camera has from where it stands and what it looks at, if it takes the place of a spike camera."""
 
 PRESETS = Presets("frame sensor", FrameSensor, folder=Path(__file__).parent / "sensors")
 

@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from saf_gen.camera.sensor import (
     CURVES,
+    OF_PLACE,
     PixelCount,
     ResponseRms,
     Sensor,
@@ -192,12 +193,6 @@ class SpadSensor:
         """
         return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE if name != "exposure_s"})
 
-
-OF_PLACE = (
-    "rows", "columns", "pitch_m", "fill_factor", "quantum_efficiency", "wavelength_m", "spectral_qe", "filter",
-    "exposure_s",
-)  # fmt: skip
-"""Fields that an array has from where it stands and what it looks at, if it takes the place of a spike camera."""
 
 PRESETS = Presets("single-photon sensor", SpadSensor, folder=Path(__file__).parent / "sensors")
 

@@ -1,4 +1,4 @@
-"""An event file as a recording that is judged: its counts are events, over the readouts of the lens and light logs."""
+"""Recordings that are judged, of any kind of camera; events are counted over readouts of the lens and light logs."""
 
 from pathlib import Path
 from types import TracebackType
