@@ -63,11 +63,12 @@ def leave_to_spikes(
 
 
 def check_camera_runs(tasks: list[SequenceTask]) -> None:
-    """Raise BadInput if the recordings hold events or frames: no such camera runs in the closed loop."""
-    if (kind := _kind(tasks)) in ("events", "frames"):
+    """Raise BadInput if the recordings hold events: no such camera runs in the closed loop."""
+    if _kind(tasks) == "events":
         raise BadInput(
-            f"{tasks[0].id} holds {kind}", allowed="--track recorded", hint="the closed loop takes spikes and photons"
-        )
+            f"{tasks[0].id} holds events", allowed="--track recorded",
+            hint="the closed loop takes spikes, photons and frames",
+        )  # fmt: skip
 
 
 LAW, INTERVALS, MADE = "corrects for the noise of spikes", "needs intervals between spikes", "makes events of spikes"

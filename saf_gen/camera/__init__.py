@@ -1,6 +1,6 @@
 """Cameras: sensors, the charge that they collect from light, and what they read out."""
 
-from saf_gen.camera.bit_cameras import BitSensor, parse_sensor, start_camera
+from saf_gen.camera.bit_cameras import BitSensor, CountingSensor, parse_sensor, start_camera
 from saf_gen.camera.course import LightCourse
 from saf_gen.camera.encoder import Encoder, encode, knot_weights
 from saf_gen.camera.encoder_kernel import LANES
@@ -11,6 +11,7 @@ from saf_gen.camera.sensor import Sensor, get_sensor, sensor_names
 __all__ = [
     "LANES",
     "BitSensor",
+    "CountingSensor",
     "Encoder",
     "LightCourse",
     "Sensor",

@@ -1,6 +1,6 @@
-"""The kinds of cameras that read out a bit per pixel and readout: spike cameras and single-photon arrays.
+"""The kinds of cameras that count light: spike cameras and single-photon arrays, by bits, and frame cameras.
 
-Their files have the same layout, and a running one is called in the same way.
+Files of bits have the same layout, and a running camera of bits is called in the same way.
 """
 
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 
 from saf_gen.camera.encoder import Encoder
 from saf_gen.camera.exposure import firing_rate
+from saf_gen.camera.frames import FrameSensor
 from saf_gen.camera.sensor import Sensor
 from saf_gen.camera.spad import SpadCamera, SpadSensor
 from saf_gen.camera.spad.sensor import detection_rate
@@ -16,9 +17,10 @@ from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.yaml_document import parse_yaml
 
 BitSensor = Sensor | SpadSensor
+CountingSensor = BitSensor | FrameSensor
 
 
-def parse_sensor(text: str, where: str | Path) -> BitSensor:
+def parse_sensor(text: str, where: str | Path) -> CountingSensor:
     """Return the sensor that the text of a sensor file describes; every stream file contains one.
 
     Parameters
@@ -35,6 +37,8 @@ def parse_sensor(text: str, where: str | Path) -> BitSensor:
     """
     document = parse_yaml(text, where)
     kind = document.data.get("kind") if isinstance(document.data, dict) else None
+    if kind == "frames":
+        return validate_document(FrameSensor, document)
     return validate_document(SpadSensor, document) if kind == "spad" else validate_document(Sensor, document)
 
 

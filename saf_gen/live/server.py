@@ -68,7 +68,7 @@ class LiveRoom:
         self._method: threading.Thread | None = None
         self._stop = threading.Event()
         self._said = ""
-        truth, sensor = camera.true_focus, camera.capture.sensor
+        truth, sensor = camera.true_focus, camera.capture.bit_sensor
         in_focus = camera.nominal_charge(truth if np.isfinite(truth) else 0.5)
         self._white = white_level(mean_rate(in_focus, sensor))
         """Spikes per readout that are shown as white: of the brightest pixels, in focus, with all lamps at gain 1."""

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.camera import LANES, BitSensor, Encoder, parse_sensor, start_camera
+from saf_gen.camera import LANES, BitSensor, CountingSensor, Encoder, parse_sensor, start_camera
+from saf_gen.camera.frames import FrameCamera, FrameSensor
 from saf_gen.camera.spad import SpadCamera
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
@@ -21,7 +22,7 @@ from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
-from saf_gen.stream.stream_file import SpikeStream
+from saf_gen.stream.recordings import Recording
 
 CACHE_BYTES = 1 << 30  # planes of a moving scene: methods read them one after another, most in the same sweep
 
@@ -34,7 +35,7 @@ class Capture:
     ----------
     plane_source : PlaneSource
         Focal stacks of the recording.
-    sensor : Sensor or SpadSensor
+    sensor : Sensor, SpadSensor or FrameSensor
         Sensor of the camera.
     gain : ndarray of float32, shape (T, G)
         Gain of each light group at each readout.
@@ -58,7 +59,7 @@ class Capture:
     """
 
     plane_source: PlaneSource
-    sensor: BitSensor
+    sensor: CountingSensor
     gain: np.ndarray
     exposure: float
     seed: int
@@ -70,13 +71,13 @@ class Capture:
     optima: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def from_stream(cls, stream: SpikeStream, stacks: Path) -> "Capture":
+    def from_stream(cls, stream: Recording, stacks: Path) -> "Capture":
         """Return the capture of a stream, from the folder of stacks that the stream was made from.
 
         Parameters
         ----------
-        stream : SpikeStream
-            Stream that `saf-gen generate` made.
+        stream : SpikeStream, EventRecording or FrameFile
+            Stream that `saf-gen generate` made, or what `saf-gen recapture` made of one.
         stacks : Path
             Folder of the focal stacks.
 
@@ -84,7 +85,7 @@ class Capture:
         ------
         BadInput
             If `saf-gen generate` did not make the stream, or if the stacks are missing, have changed, or were not
-            rendered at all focus positions.
+            rendered at all focus positions; or if a frame camera recorded a moving scene.
         """
         provenance, where = stream.metadata.provenance, str(stream.path)
         try:
@@ -108,6 +109,8 @@ class Capture:
         specs = tuple(StackSpec.read(stacks, key) for key in keys)
         moments = specs[: len(specs) // max(len(bands_nm), 1)]
         moving = len(moments) > 1
+        if moving and isinstance(sensor, FrameSensor):
+            raise BadInput("frames of a moving scene cannot be captured again", where=where, allowed="scenes at rest")
         slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in moments) if moving else (0,)
         time_stack = TimeResolvedStack(slice_frames, specs)
         axial_colour, groups = sequence.get("axial_colour"), specs[0].groups
@@ -134,6 +137,13 @@ class Capture:
         return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices, colour, optima)
 
     @property
+    def bit_sensor(self) -> BitSensor:
+        """The sensor, of a spike camera or a single-photon array; raises BadInput if it is that of a frame camera."""
+        if isinstance(self.sensor, FrameSensor):
+            raise BadInput(f"{self.sensor.name} reads out frames", allowed="a camera that reads out bits")
+        return self.sensor
+
+    @property
     def row_alignment(self) -> int:
         """The first row of an encoder must be a multiple of this number."""
         return LANES // gcd(self.sensor.columns, LANES)
@@ -147,11 +157,20 @@ class Capture:
         return charge_source
 
     def create_encoder(self, rows: slice | None = None, *, threads: int | None = None) -> Encoder | SpadCamera:
-        """Return the camera before its first readout, with the noise of the recording."""
+        """Return the camera before its first readout, with the noise of the recording.
+
+        Raises BadInput if it is a frame camera.
+        """
+        sensor = self.bit_sensor
+        shape = sensor.rows, sensor.columns
+        return start_camera(sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads)
+
+    def create_frame_camera(self) -> FrameCamera:
+        """Return the frame camera of the recording, with its noise; raise BadInput if it reads out bits."""
+        if not isinstance(self.sensor, FrameSensor):
+            raise BadInput(f"{self.sensor.name} reads out bits", allowed="a frame camera")
         shape = self.sensor.rows, self.sensor.columns
-        return start_camera(
-            self.sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads
-        )
+        return FrameCamera(self.sensor, shape, seed=self.seed, device_seed=self.device_seed)
 
 
 def _lacking_slices_error(recipe: str, where: str) -> BadInput:

@@ -6,7 +6,7 @@ visits are read, and by default those of at most three stacks are held in memory
 
 import numpy as np
 
-from saf_gen.camera import BitSensor, charge_of_images, electrons_per_irradiance, knot_weights
+from saf_gen.camera import CountingSensor, charge_of_images, electrons_per_irradiance, knot_weights
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import PICTURES
 from saf_gen.stack.time_resolved import FrameRun, PlaneSource
@@ -19,7 +19,7 @@ class ChargeSource:
     ----------
     plane_source : PlaneSource
         Source of the image planes.
-    sensor : Sensor or SpadSensor
+    sensor : Sensor, SpadSensor or FrameSensor
         Sensor that collects the charge.
     rows : slice, optional
         Rows of the sensor; by default all.
@@ -38,7 +38,7 @@ class ChargeSource:
     def __init__(
         self,
         plane_source: PlaneSource,
-        sensor: BitSensor,
+        sensor: CountingSensor,
         *,
         rows: slice | None = None,
         cache_bytes: int = 0,

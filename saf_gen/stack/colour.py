@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saf_gen.camera import BitSensor
+from saf_gen.camera import CountingSensor
 from saf_gen.core.spectrum import NM, describe, power_per_light
 from saf_gen.errors import BadInput
 from saf_gen.optics import AxialColour, FittedRays, FocusCriterion
@@ -74,7 +74,7 @@ class Colour:
     ----------
     lamps : tuple of Lamp
         The lamps, in the order of their gains.
-    sensor : Sensor or SpadSensor
+    sensor : Sensor, SpadSensor or FrameSensor
         Sensor of the camera.
     axial_colour : AxialColour or None
         Axial colour of the lens; None for a lens without.
@@ -83,7 +83,7 @@ class Colour:
     """
 
     lamps: tuple[Lamp, ...]
-    sensor: BitSensor
+    sensor: CountingSensor
     axial_colour: AxialColour | None
     bands_nm: tuple[float, ...] = ()
 
@@ -93,7 +93,7 @@ class Colour:
         schedule: Mapping[str, Any],
         groups: Sequence[str],
         *,
-        sensor: BitSensor,
+        sensor: CountingSensor,
         axial_colour: Mapping[str, Any] | None,
         bands_nm: Sequence[float] = (),
     ) -> "Colour | None":
@@ -105,7 +105,7 @@ class Colour:
             Light schedules by group, with all numbers drawn.
         groups : sequence of str
             Light groups of the scene.
-        sensor : Sensor or SpadSensor
+        sensor : Sensor, SpadSensor or FrameSensor
             Sensor of the camera.
         axial_colour : mapping or None
             Keys of :class:`saf_gen.optics.AxialColour`.

@@ -25,12 +25,14 @@ from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.recapture import light_integrals, resample
 from saf_gen.stack.time_resolved import FrameRun
-from saf_gen.stream.frame_file import FINGERPRINT, write_frames
+from saf_gen.stream.frame_file import FINGERPRINT, FrameFile, write_frames
 from saf_gen.stream.stream_file import SpikeStream
 
 MODEL = 1
 """Number of the law by which frames are made; it is part of their fingerprint."""
 STEP_S, LEAST_STEPS = 5e-5, 8
+LIGHT_S = "light_s"
+"""Name of the text in the provenance that says for how many seconds the schedules of the light run."""
 
 
 def frames_fingerprint(content_sha256: str, sensor: FrameSensor, *, share: float | None) -> str:
@@ -83,7 +85,7 @@ def record_frames(
         moment = truth.frame if isfinite(truth.frame) else 0.0
         light = source.nominal_image(moment, truth.position)[np.asarray(truth.target, bool)]
         placed = exposure_for(light.astype(np.float64) * per_s, placed, share=share)
-    rows_s = np.arange(placed.rows) * placed.row_s if placed.shutter == "rolling" else np.zeros(1)
+    rows_s = row_starts_s(placed)
     seconds = capture.frames / per_s
     frames = int((seconds - rows_s[-1] - placed.exposure_s) * placed.readout_hz + 1e-9) + 1
     if frames < 1 or seconds < rows_s[-1] + placed.exposure_s:
@@ -91,7 +93,8 @@ def record_frames(
     middle_s = float(rows_s.mean()) + placed.exposure_s / 2
     metadata = resample(stream, frames, readout_hz=placed.readout_hz, middle_s=middle_s)
     groups = capture.plane_source.time_stack.specs[0].groups
-    integrals = light_integrals(stream, groups, duration_s=stream.shape[0] / per_s)
+    seconds_of_light = stream.shape[0] / per_s
+    integrals = light_integrals(stream, groups, duration_s=seconds_of_light)
     begins = np.arange(frames) / placed.readout_hz + float(rows_s.mean())
     gain = np.stack([f(begins + placed.exposure_s) - f(begins) for f in integrals], axis=1) / placed.exposure_s
     texts = {name: text for name, text in metadata.provenance.items() if name != BENCHMARK_KEY}
@@ -102,6 +105,7 @@ def record_frames(
             **texts,
             "sensor": yaml.safe_dump(placed.as_dict(), sort_keys=False),
             "spikes_content": stream.content_sha256,
+            LIGHT_S: repr(seconds_of_light),
             FINGERPRINT: frames_fingerprint(stream.content_sha256, sensor, share=share),
         },
     )
@@ -115,14 +119,34 @@ def record_frames(
     def expose() -> Iterator[np.ndarray]:
         for frame in range(frames):
             begin = frame / placed.readout_hz + rows_s
-            charge = _charge(source, integrals, begin_s=begin, exposure_s=placed.exposure_s, position=position)
+            charge = expose_light(source, integrals, begin_s=begin, exposure_s=placed.exposure_s, position=position)
             yield camera.expose(charge * per_s, frame=frame)
 
     digest = write_frames(path, expose(), shape=shape, readout_hz=placed.readout_hz, metadata=metadata)
     return frames, digest, placed
 
 
-def _charge(
+def recorded_light(stream: FrameFile, capture: Capture) -> list[Callable[[np.ndarray], np.ndarray]]:
+    """Return the integral of the gain of each lamp, over seconds, in front of a camera that recorded frames.
+
+    Raises BadInput if the file does not say how its light changed, or by a schedule that is not there any more.
+    """
+    try:
+        seconds = float(stream.metadata.provenance[LIGHT_S])
+    except (KeyError, ValueError) as error:
+        raise BadInput(
+            "the file does not say for how long its light changed", where=str(stream.path),
+            hint="record it again with saf-gen recapture",
+        ) from error  # fmt: skip
+    return light_integrals(stream, capture.plane_source.time_stack.specs[0].groups, duration_s=seconds)
+
+
+def row_starts_s(sensor: FrameSensor) -> np.ndarray:
+    """Return when the exposure of each row begins, seconds from the beginning of a frame: (H,), or (1,) for all."""
+    return np.arange(sensor.rows) * sensor.row_s if sensor.shutter == "rolling" else np.zeros(1)
+
+
+def expose_light(
     source: ChargeSource,
     integrals: Sequence[Callable[[np.ndarray], np.ndarray]],
     *,

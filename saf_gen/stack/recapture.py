@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from saf_gen.camera import start_camera
+from saf_gen.camera import Sensor, start_camera
 from saf_gen.camera.spad import SpadSensor
 from saf_gen.camera.spad.sensor import exposure_for
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
@@ -27,6 +27,7 @@ from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.recordings import Recording
 from saf_gen.stream.stream_file import SpikeStream
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -83,7 +84,7 @@ def record_photons(
         missing or have changed, or it does not say where the lens was or how its light changed.
     """
     capture = Capture.from_stream(stream, stacks)
-    if isinstance(capture.sensor, SpadSensor):
+    if not isinstance(capture.sensor, Sensor):
         raise BadInput(
             "it was recorded by a single-photon array", where=str(stream.path), allowed="a dataset of a spike camera"
         )
@@ -167,7 +168,7 @@ def resample(stream: SpikeStream, frames: int, *, readout_hz: float, middle_s: f
 
 
 def light_integrals(
-    stream: SpikeStream, groups: tuple[str, ...], *, duration_s: float
+    stream: Recording, groups: tuple[str, ...], *, duration_s: float
 ) -> list[Callable[[np.ndarray], np.ndarray]]:
     """Return the integral of the gain of each lamp, in the order of the lights of its charge.
 

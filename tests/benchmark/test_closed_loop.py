@@ -17,6 +17,7 @@ from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.running_camera import (
     BudgetSpentError,
     CapturedFrames,
+    Clock,
     RunningCamera,
     SweepView,
     rows_in_view,
@@ -50,7 +51,7 @@ def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
     charge_source = capture.open_charge_source(rows_in_view(capture, WHOLE))
     return RunningCamera(
         CapturedFrames(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
-        start=at, seed=1, budget=budget, readout_hz=capture.sensor.readout_hz,
+        start=at, seed=1, budget=budget, clock=Clock(capture.sensor.readout_hz),
     )  # fmt: skip
 
 

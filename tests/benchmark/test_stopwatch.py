@@ -12,7 +12,7 @@ from saf_gen.benchmark.tracks import closed_loop
 from saf_gen.benchmark.view import recording
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
-from saf_gen.benchmark.view.running_camera import RunningCamera
+from saf_gen.benchmark.view.running_camera import Clock, RunningCamera
 from saf_gen.core import stopwatch
 from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.optics.actuators import get_actuator
@@ -85,7 +85,7 @@ class SlowCapture:
 def slow_camera(clock, *, budget=800):
     camera = RunningCamera(
         SlowCapture(clock), clock.takes(SCORES, np.mean), actuator=get_actuator("ideal"), start=0.0, seed=1,
-        budget=budget, readout_hz=20_000.0,
+        budget=budget, clock=Clock(20_000.0),
     )  # fmt: skip
     camera._lens.run = clock.takes(DRIVES, camera._lens.run)
     return camera

@@ -133,7 +133,6 @@ def test_the_command_makes_a_dataset_that_is_judged_resumes_and_repairs(dataset,
     assert judged["sensor"] == "imx273"
     for options, words in (
         ((), "--method sd+argmax:window=3"),
-        (("--track", "closed_loop", "--method", "sd+hill_climb"), "holds frames; allowed: --track recorded"),
         (("--method", "sd_tfi+argmax:window=3"), "needs intervals between spikes"),
         (("--method", "split_gradient+argmax:window=3"), "corrects for the noise of spikes"),
     ):

@@ -31,6 +31,7 @@ from saf_gen.benchmark.tracks.beside_truth import (
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
+from saf_gen.benchmark.view.captured_exposures import CapturedExposures, clock_of
 from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.benchmark.view.running_camera import (
@@ -40,14 +41,17 @@ from saf_gen.benchmark.view.running_camera import (
     SweepView,
     rows_in_view,
 )
+from saf_gen.camera.frames import FrameSensor
 from saf_gen.core import seeds
 from saf_gen.core.region import Region, region_shape, validate_region
 from saf_gen.parts import Answer, commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.frame_capture import recorded_light
+from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.stream_file import SpikeStream, open_stream
+from saf_gen.stream.recordings import Recording, open_recording
 
 SETTLE_TOLERANCE = 1e-4
 """Distance from its last position, as a fraction of the travel, within which the lens counts as settled."""
@@ -97,7 +101,7 @@ class ClosedLoopRun:
 
 
 def start_camera(
-    captured: CapturedFrames,
+    captured: CapturedFrames | CapturedExposures,
     measure: Callable[..., float] | None,
     *,
     protocol: ClosedLoopProtocol,
@@ -118,7 +122,7 @@ def start_camera(
         start=start,
         seed=seeds.derive_seed(capture.seed, "closed loop", "lens"),
         budget=protocol.count_frames(capture)[0],
-        readout_hz=capture.sensor.readout_hz,
+        clock=clock_of(capture),
         operations_per_s=protocol.operations_per_s,
     )
 
@@ -156,7 +160,11 @@ def explain_spent_budget(budget: int) -> str:
 
 
 def run_closed_loop(
-    captured: CapturedFrames, method: Method, *, protocol: ClosedLoopProtocol, start: float | None = None
+    captured: CapturedFrames | CapturedExposures,
+    method: Method,
+    *,
+    protocol: ClosedLoopProtocol,
+    start: float | None = None,
 ) -> ClosedLoopRun:
     """Let a method search for the focus, and return the run, whatever the method raises or answers.
 
@@ -273,6 +281,8 @@ class ClosedLoopSequence:
         Charge of the rows that the box needs.
     data : str
         content_sha256 of the stream, or a digest of stream and time slices if the recording has other time slices.
+    light : sequence of callable
+        Integrals of the gains of the lamps over time, in seconds, if the camera is a frame camera; else empty.
     """
 
     task: SequenceTask
@@ -281,9 +291,10 @@ class ClosedLoopSequence:
     region: str
     charge_source: ChargeSource
     data: str
+    light: Sequence[Callable[[np.ndarray], np.ndarray]] = ()
 
     @classmethod
-    def from_stream(cls, task: SequenceTask, stream: SpikeStream, *, region: str) -> "ClosedLoopSequence":
+    def from_stream(cls, task: SequenceTask, stream: Recording, *, region: str) -> "ClosedLoopSequence":
         """Return the sequence of an open stream.
 
         Raises BadInput if the stream is not the one that the manifest names, or if it cannot be captured again.
@@ -296,10 +307,13 @@ class ClosedLoopSequence:
         chosen, region_name = choose_region(stream, region)
         box = validate_region(chosen, stream.shape[1:])
         charge_source = capture.open_charge_source(rows_in_view(capture, box))
-        return cls(task, capture, box, region_name, charge_source, data)
+        light = recorded_light(stream, capture) if isinstance(stream, FrameFile) else ()
+        return cls(task, capture, box, region_name, charge_source, data, light)
 
-    def make_captured_frames(self, *, threads: int | None = None) -> CapturedFrames:
+    def make_captured_frames(self, *, threads: int | None = None) -> CapturedFrames | CapturedExposures:
         """Return an empty store for captured frames of the box; ``threads`` encode them, by default one per core."""
+        if isinstance(self.capture.sensor, FrameSensor):
+            return CapturedExposures(self.capture, self.charge_source, integrals=self.light, region=self.box)
         return CapturedFrames(self.capture, self.charge_source, region=self.box, threads=threads)
 
     def make_record(self, run: ClosedLoopRun, protocol: ClosedLoopProtocol, *, known: Mapping[str, Any]) -> Record:
@@ -387,7 +401,7 @@ def evaluate_closed_loop(
         One lens path per method.
     """
     records, paths = [], []
-    with open_stream(task.path) as stream:
+    with open_recording(task.path) as stream:
         sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
         counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
         rate = measure_rate(counts)

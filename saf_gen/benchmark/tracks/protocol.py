@@ -5,7 +5,8 @@ import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from saf_gen.benchmark.view.running_camera import REST_CHECK_FRAMES, REST_TOLERANCE
+from saf_gen.benchmark.view.captured_exposures import clock_of
+from saf_gen.benchmark.view.running_camera import REST_TOLERANCE, Clock
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
 from saf_gen.stack.capture import Capture
@@ -73,8 +74,8 @@ class ClosedLoopProtocol:
         Raises
         ------
         BadInput
-            If the budget is shorter than MIN_FRAMES or longer than can be captured, or if a given sweep is shorter than
-            MIN_FRAMES or longer than the budget.
+            If the camera cannot run in a closed loop, the budget is shorter than MIN_FRAMES or longer than can be
+            captured, or a given sweep is shorter than MIN_FRAMES or longer than the budget.
         """
         hz = capture.sensor.readout_hz
         budget = capture.frames if self.budget_s is None else round(self.budget_s * hz)
@@ -87,7 +88,7 @@ class ClosedLoopProtocol:
             )
         if self.sweep_s is None:
             sweep = max(budget // 2, self._count_sweep_frames(hz))
-            return budget, max(min(sweep, budget - self._count_rest_frames(hz)), 0)
+            return budget, max(min(sweep, budget - self._count_rest_frames(capture)), 0)
         sweep = round(self.sweep_s * hz)
         if not MIN_FRAMES <= sweep <= budget:
             raise BadInput(
@@ -104,7 +105,7 @@ class ClosedLoopProtocol:
         """
         hz = capture.sensor.readout_hz
         budget, sweep = self.count_frames(capture)
-        min_sweep, rest_frames = self._count_sweep_frames(hz), self._count_rest_frames(hz)
+        min_sweep, rest_frames = self._count_sweep_frames(hz), self._count_rest_frames(capture)
         max_sweep = budget - rest_frames
         if max_sweep < min_sweep:
             raise BadInput(
@@ -125,7 +126,7 @@ class ClosedLoopProtocol:
         """Return the protocol on one line, for records; it says ``no sweep`` if a sweep is impossible."""
         hz = capture.sensor.readout_hz
         budget, sweep = self.count_frames(capture)
-        sweep_fits = self._count_sweep_frames(hz) <= sweep <= budget - self._count_rest_frames(hz)
+        sweep_fits = self._count_sweep_frames(hz) <= sweep <= budget - self._count_rest_frames(capture)
         sweep_text = f"sweep {_ms(sweep, hz)} ms" if sweep_fits else "no sweep"
         computing = f", {self.operations_per_s:g} op/s" if self.operations_per_s else ""
         return f"{self.actuator.label}, {_ms(budget, hz)} ms, {sweep_text}{computing}"
@@ -141,20 +142,21 @@ class ClosedLoopProtocol:
         frames = self.actuator.end_to_end_s * hz
         return max(MIN_FRAMES, math.ceil(frames - 0.01))  # 500.007 counts as 500
 
-    def _count_rest_frames(self, hz: float) -> int:
+    def _count_rest_frames(self, capture: Capture) -> int:
         """Return the number of frames until a lens that starts at the middle of the travel rests at an end."""
-        return _simulate_rest_frames(self.actuator, hz)
+        return _simulate_rest_frames(self.actuator, clock_of(capture))
 
 
 @lru_cache(maxsize=64)
-def _simulate_rest_frames(actuator: Actuator, hz: float) -> int:
-    lens = ActuatedLens(replace(actuator, place_rms=0.0), start=0.5, readout_hz=hz, seed=0)
+def _simulate_rest_frames(actuator: Actuator, clock: Clock) -> int:
+    lens = ActuatedLens(replace(actuator, place_rms=0.0), start=0.5, readout_hz=clock.lens_hz, seed=0)
     lens.command(0.0)
-    frames = int((actuator.latency_s + actuator.move_s(0.5)) * hz) // REST_CHECK_FRAMES * REST_CHECK_FRAMES
-    lens.run(frames)  # the lens cannot rest before the motor has arrived
+    check = clock.rest_check
+    frames = int((actuator.latency_s + actuator.move_s(0.5)) * clock.readout_hz) // check * check
+    lens.run(frames * clock.steps)  # the lens cannot rest before the motor has arrived
     while not lens.is_settled(REST_TOLERANCE):
-        step = max(REST_CHECK_FRAMES, frames // 100)  # an actuator that takes minutes is checked less often
-        lens.run(step)
+        step = max(check, frames // 100)  # an actuator that takes minutes is checked less often
+        lens.run(step * clock.steps)
         frames += step
     return frames
 

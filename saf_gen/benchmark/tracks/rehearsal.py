@@ -11,7 +11,7 @@ import numpy as np
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
-from saf_gen.benchmark.view.running_camera import RunningCamera
+from saf_gen.benchmark.view.running_camera import Clock, RunningCamera
 from saf_gen.errors import SafGenError
 from saf_gen.optics.actuators import Actuator
 from saf_gen.parts import Search, commands
@@ -49,7 +49,7 @@ def seconds_needed(search: Search, actuator: Actuator, *, readout_hz: float) -> 
         start=START,
         seed=0,
         budget=math.ceil(LONGEST_S * readout_hz),
-        readout_hz=readout_hz,
+        clock=Clock(readout_hz),
     )
     try:
         answer = search(camera)

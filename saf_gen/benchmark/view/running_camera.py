@@ -2,16 +2,20 @@
 
 Every readout is encoded with the light, the scene and the lens position of that moment, and the charge of every pixel
 carries over from readout to readout. Time passes when a method scores a window, waits, or lets the lens settle. Frames
-that have passed never change. The camera delivers whole bytes, so time advances by at least 8 readouts at once.
+that have passed never change. A camera of bits delivers whole bytes, so its time advances by at least 8 readouts at
+once; a frame camera delivers frame by frame.
 """
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
-from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer, TimedWindowSource
+from saf_gen.camera.frames import FrameSensor
 from saf_gen.core import bits
 from saf_gen.core.region import Region, region_shape, validate_window
 from saf_gen.errors import BadInput
@@ -22,11 +26,53 @@ from saf_gen.stream.interval_texture import window_time_texture
 from saf_gen.stream.measure_input import Form
 
 PACKET_FRAMES = 8
-"""Number of readouts that the camera delivers at once."""
-REST_CHECK_FRAMES = 5 * PACKET_FRAMES
-"""Number of readouts between two checks of whether the lens has come to rest."""
+"""Number of readouts that a camera of bits delivers at once."""
 REST_TOLERANCE = 1e-3
 """Distance, as a fraction of the travel, within which a lens counts as at rest."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How time passes in a running camera.
+
+    Parameters
+    ----------
+    readout_hz : float
+        Readouts, or frames, per second.
+    packet : int, default 8
+        Number of readouts that the camera delivers at once; a command to the lens holds for as long.
+    steps : int, default 1
+        Steps in which the lens is followed in a readout.
+    moment : int, default 0
+        Step, from 0, at which the lens is where a readout is said to have been taken.
+    """
+
+    readout_hz: float
+    packet: int = PACKET_FRAMES
+    steps: int = 1
+    moment: int = 0
+
+    @property
+    def rest_check(self) -> int:
+        """Number of readouts between two checks of whether the lens has come to rest."""
+        return 5 * self.packet if self.packet > 1 else 1
+
+    @property
+    def lens_hz(self) -> float:
+        """Steps of the lens per second."""
+        return self.readout_hz * self.steps
+
+
+class Captured(TimedWindowSource, Protocol):
+    """What a running camera has captured so far, in a region of the sensor, whatever the kind of the camera."""
+
+    def encode_until(self, stop: int, position: np.ndarray) -> None:
+        """Capture all readouts before ``stop``, a multiple of the clock's packet.
+
+        ``position``, float64, holds where the lens was in each of the clock's steps, as fractions of the travel. What
+        an earlier run captured is kept if its lens was at the same positions.
+        """
+        ...
 
 
 class SpikePlanes:
@@ -130,7 +176,12 @@ class CapturedFrames(SpikePlanes):
 
 
 def rows_in_view(capture: Capture, region: Region) -> slice:
-    """Return the rows that a region needs, beginning at the start of a block of the encoder's noise."""
+    """Return the rows that a region needs, beginning at the start of a block of the encoder's noise.
+
+    A frame is exposed as a whole.
+    """
+    if isinstance(capture.sensor, FrameSensor):
+        return slice(0, capture.sensor.rows)
     step = capture.row_alignment
     return slice(region[0].start // step * step, region[0].stop)
 
@@ -144,8 +195,8 @@ class RunningCamera:
 
     Parameters
     ----------
-    captured : CapturedFrames
-        Store for the captured frames.
+    captured : Captured
+        Store for what the camera captures.
     measure : callable, optional
         Scores the counts of a window; None if the method scores them elsewhere.
     actuator : Actuator
@@ -156,33 +207,35 @@ class RunningCamera:
         Seed of the noise of the lens.
     budget : int
         Number of frames that may pass, at most those of the capture; rounded down to whole packets.
-    readout_hz : float
-        Frames per second.
+    clock : Clock
+        How time passes.
     operations_per_s : float, optional
         Rate at which the operations of the method take time; by default computing takes none.
     """
 
     def __init__(
         self,
-        captured: CapturedFrames,
+        captured: Captured,
         measure: Callable[..., float] | None,
         *,
         actuator: Actuator,
         start: float,
         seed: int,
         budget: int,
-        readout_hz: float,
+        clock: Clock,
         operations_per_s: float | None = None,
     ) -> None:
-        self._frames_per_operation = readout_hz / operations_per_s if operations_per_s else 0.0
+        self.clock, self.readout_hz = clock, clock.readout_hz
+        self._frames_per_operation = self.readout_hz / operations_per_s if operations_per_s else 0.0
         self._computed = 0  # frames that have passed while the method computed
         self._captured, self.scorer = captured, MeteredScorer(measure)
-        self.frames, self.readout_hz = budget // PACKET_FRAMES * PACKET_FRAMES, readout_hz
+        self.frames = budget // clock.packet * clock.packet
         self.lag_s, self._actuator = actuator.lag_s, actuator
-        self._lens = ActuatedLens(actuator, start=start, readout_hz=readout_hz, seed=seed)
+        self._lens = ActuatedLens(actuator, start=start, readout_hz=clock.lens_hz, seed=seed)
         self.now = 0
         """Number of frames that have passed."""
-        self.path = np.full(self.frames, start, np.float64)
+        self._followed = np.full(self.frames * clock.steps, start, np.float64)
+        self.path = self._followed[clock.moment :: clock.steps]
         """True lens positions up to ``now``, as fractions of the travel, shape (frames,)."""
         self._sensed = np.full(self.frames, start, np.float64)
         self.commanded_positions = [start]
@@ -221,8 +274,8 @@ class RunningCamera:
         """Return the readings of the position sensor at all frames from ``first`` that have passed, float64 (n,)."""
         return self._sensed[first : self.now]
 
-    def run_until(self, first: int, stop: int) -> CapturedFrames:
-        """Let the camera run until a window has passed, and return the captured frames.
+    def run_until(self, first: int, stop: int) -> Captured:
+        """Let the camera run until a window has passed, and return what it has captured.
 
         Raises BadInput if the window is empty, BudgetSpentError if it ends after the budget, and the error of the focal
         stacks if they cannot be read.
@@ -232,7 +285,8 @@ class RunningCamera:
         window = validate_window(first, stop, total=self.frames)
         self.wait(max(0, window.stop - self.now))
         try:
-            self._captured.encode_until(-(-window.stop // PACKET_FRAMES) * PACKET_FRAMES, self.path)
+            packet = self.clock.packet
+            self._captured.encode_until(-(-window.stop // packet) * packet, self._followed)
         except Exception as error:  # kept because a third-party search may catch it
             self.stack_error = error
             raise
@@ -241,10 +295,11 @@ class RunningCamera:
     def _compute(self) -> None:
         """Let the time pass that the method's operations take, in whole packets; raises what :meth:`wait` raises."""
         due = self.scorer.operations * self._frames_per_operation - self._computed
-        packets = int(due / PACKET_FRAMES + 1e-9)
+        packet = self.clock.packet
+        packets = int(due / packet + 1e-9)
         if packets > 0:
-            self._computed += packets * PACKET_FRAMES
-            self.wait(packets * PACKET_FRAMES)
+            self._computed += packets * packet
+            self.wait(packets * packet)
 
     def position(self, frame: int) -> float:
         """Return the reading of the position sensor at a frame that has passed, as a fraction of the travel."""
@@ -274,19 +329,21 @@ class RunningCamera:
         Raises BudgetSpentError if the budget ends first.
         """
         while not self._lens.is_settled(within):
-            self.wait(REST_CHECK_FRAMES)
+            self.wait(self.clock.rest_check)
 
     def wait(self, frames: int) -> None:
         """Let at least this many frames pass; if fewer are left, run to the end and raise BudgetSpentError."""
-        stop = self.now + math.ceil(frames / PACKET_FRAMES) * PACKET_FRAMES
+        packet, steps = self.clock.packet, self.clock.steps
+        stop = self.now + math.ceil(frames / packet) * packet
         sweeping = self.commanded_trajectory is not None
-        step = PACKET_FRAMES if sweeping else max(stop - self.now, PACKET_FRAMES)
+        step = packet if sweeping else max(stop - self.now, packet)
         for first in range(self.now, min(stop, self.frames), step):
             if self.commanded_trajectory is not None:
                 self.move(self.commanded_trajectory(first))
             last = min(first + step, self.frames)
-            self.path[first:last] = self._lens.run(last - first)
-            self._sensed[first:last] = self._lens.read_sensor(first, last)
+            begin, end = first * steps, last * steps
+            self._followed[begin:end] = self._lens.run(end - begin)
+            self._sensed[first:last] = self._lens.read_sensor(begin, end)[self.clock.moment :: steps]
             self.now = last
         if stop > self.frames:
             raise BudgetSpentError(f"frame {stop} of a budget of {self.frames}")
@@ -313,7 +370,7 @@ class SweepView:
         self._camera, self._offset = camera, camera.now
         self.frames, self.readout_hz, self.lag_s = frames, camera.readout_hz, camera.lag_s
         command_frames = camera.sweep_command_frames(frames)
-        packet_end = PACKET_FRAMES - self._offset  # a command holds for a packet, and is the position at its end
+        packet_end = camera.clock.packet - self._offset  # a command holds for a packet, and is the position at its end
         camera.commanded_trajectory = lambda frame: (
             begin + (end - begin) * min((frame + packet_end) / command_frames, 1.0)
         )
