@@ -23,8 +23,10 @@ MAX_TRIALS = 1000
 """Largest number of combinations or draws in one run."""
 FRAMES = ("window", "dt", "control_period")
 """Options that are a number of frames in a window."""
-SHORTEST, LONGEST = 50, 500
-"""Range of the windows that are drawn, in frames."""
+SHORTEST_S, LONGEST_S = 0.0025, 0.025
+"""Range of the windows that are drawn, in seconds."""
+READOUT_HZ = 20_000.0
+"""Frames per second of a spike camera."""
 FACTOR = 3.0
 """Largest factor by which another number is drawn above or below its value."""
 ATTEMPTS = 50
@@ -75,15 +77,17 @@ def expand_grid(method: str, values: Choices) -> list[str]:
     return specs
 
 
-def draw_trials(method: str, trials: int, *, values: Choices | None = None) -> list[str]:
+def draw_trials(
+    method: str, trials: int, *, values: Choices | None = None, readout_hz: float = READOUT_HZ
+) -> list[str]:
     """Return the names of a method as it is and with ``trials`` − 1 random choices of all its constants.
 
     Random choices find good values of the few constants that matter sooner than a grid [1]_. Each constant is drawn in
     half of the trials, and keeps its value in the others, so that a method with many constants is not always far from
-    all of them. The rule is the same for all methods: a number of frames (``window``, ``dt``) is log-uniform in
-    50…500, another positive number log-uniform within a factor of 3 of its value, and a switch, such as the right to
-    abstain (``reject``), is on or off. An option named in ``values`` takes one of these; other texts and zeros stay.
-    What the method refuses is drawn again.
+    all of them. The rule is the same for all methods: a number of frames (``window``, ``dt``) is log-uniform in 2.5 to
+    25 ms, which is 50…500 frames of a spike camera, another positive number log-uniform within a factor of 3 of its
+    value, and a switch, such as the right to abstain (``reject``), is on or off. An option named in ``values`` takes
+    one of these; other texts and zeros stay. What the method refuses is drawn again.
 
     Parameters
     ----------
@@ -93,6 +97,8 @@ def draw_trials(method: str, trials: int, *, values: Choices | None = None) -> l
         Number of trials, at least 2.
     values : mapping of str to sequence of str, optional
         Choices for single constants, as for expand_grid.
+    readout_hz : float, default 20,000
+        Frames per second of the recordings.
 
     Returns
     -------
@@ -126,7 +132,7 @@ def draw_trials(method: str, trials: int, *, values: Choices | None = None) -> l
     found = {untuned: None}
     for _ in range(trials - 1):
         for _ in range(ATTEMPTS):
-            chosen = {key: _draw(rng, key, value=stated[key]) for key in drawable}
+            chosen = {key: _draw(rng, key, value=stated[key], readout_hz=readout_hz) for key in drawable}
             chosen |= {key: choices[int(rng.integers(len(choices)))] for key, choices in values.items()}
             kept = {key: value for key, value in chosen.items() if rng.integers(2)}
             spec = _with_values(halves, region, chosen=kept)
@@ -198,11 +204,11 @@ def _is_drawn(value: Any) -> bool:
     return isinstance(value, bool) or (isinstance(value, int | float) and value > 0)
 
 
-def _draw(rng: np.random.Generator, key: str, *, value: Any) -> str:
+def _draw(rng: np.random.Generator, key: str, *, value: Any, readout_hz: float) -> str:
     if isinstance(value, bool):
         return str(bool(rng.integers(2))).lower()
     if key.partition(".")[2] in FRAMES:
-        drawn = SHORTEST * (LONGEST / SHORTEST) ** rng.random()
+        drawn = SHORTEST_S * readout_hz * (LONGEST_S / SHORTEST_S) ** rng.random()
     else:
         drawn = value * FACTOR ** rng.uniform(-1, 1)
     rounded = round(drawn, 1 - int(log10(drawn) // 1))  # two digits, as finer steps change little and read badly

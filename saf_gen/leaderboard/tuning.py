@@ -5,6 +5,7 @@ Constants are tuned on the split train; the split test is reserved for finished 
 
 import hashlib
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,8 +20,9 @@ from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
 from saf_gen.leaderboard.outcomes import RULE, mean_over_scenes
-from saf_gen.leaderboard.trials import Choices, draw_trials, expand_grid
+from saf_gen.leaderboard.trials import READOUT_HZ, Choices, draw_trials, expand_grid
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
+from saf_gen.stream.recordings import open_recording
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -93,7 +95,6 @@ def tune(
         )
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    specs = expand_grid(method, values or {}) if trials is None else draw_trials(method, trials, values=values)
     splits = {entry.split for entry in read_manifest(dataset).sequences} - {TEST_SPLIT}
     if not splits:
         raise BadInput(
@@ -101,6 +102,10 @@ def tune(
         )
     if split not in splits:
         raise unknown("split", split, allowed=splits, where=str(dataset))
+    if trials is None:
+        specs = expand_grid(method, values or {})
+    else:
+        specs = draw_trials(method, trials, values=values, readout_hz=_readout_hz(dataset, split))
     result = evaluate(
         dataset,
         methods=specs,
@@ -161,3 +166,12 @@ def _worth(record: Record) -> float | None:
         return None
     is_answered = record.status == "answered"
     return float(is_answered and record.success_1dof is True) if record.answerable else -float(is_answered)
+
+
+def _readout_hz(dataset: str | Path, split: str) -> float:
+    """Return the frames per second of the first recording of a split that can be read; else of a spike camera."""
+    for entry in read_manifest(dataset).sequences:
+        if entry.split == split:
+            with suppress(BadInput, OSError), open_recording(Path(dataset) / entry.file) as recording:
+                return recording.readout_hz
+    return READOUT_HZ

@@ -84,6 +84,13 @@ def test_draws_stay_in_their_ranges_and_leave_texts_alone():
     assert 35 < still < 100  # both keep their values in no draw, so a window stays in about a third: 3 sigma are 20
 
 
+def test_windows_last_as_long_whatever_the_camera():
+    found = [parse_method(one).search_options for one in draw_trials("sd+argmax", 200, readout_hz=640.0)[1:]]
+    windows = {options["window"] for options in found} - {100}  # the method's own
+    assert (min(windows), max(windows)) == (2, 16)
+    assert draw_trials("sd+argmax", 24) == draw_trials("sd+argmax", 24, readout_hz=20_000.0)
+
+
 def test_named_values_are_drawn_too():
     found = draw_trials("sd+argmax", 60, values={"search.refine": ["parabola", "centroid"]})
     refined = [parse_method(one).search_options["refine"] for one in found]
