@@ -427,14 +427,18 @@ def inspect_command(
 
 
 def view_command(
-    stream: Annotated[Path, typer.Argument(help="Stream file.")],
+    stream: Annotated[Path, typer.Argument(help="File of spikes, photons, events or frames.")],
     target: Annotated[Path, typer.Option("--out", help="File to write: .png, .pdf, .svg, .gif, .mp4 or .html.")],
     *,
     kind: Annotated[
-        str, typer.Option("--as", help="tfp (counts of a window), tfi (from intervals), or spikes (one readout).")
+        str,
+        typer.Option("--as", help="tfp (sum of a window) or, of spikes, tfi (from intervals) or spikes (one readout)."),
     ] = "tfp",
     window: Annotated[
-        int | None, typer.Option(min=1, help="Frames per window (default: 100, or a tenth of a short view).")
+        int | None,
+        typer.Option(
+            min=1, help="Frames per window (default: 100, a tenth of a short view, or one of a frame camera)."
+        ),
     ] = None,
     first: Annotated[int, typer.Option("--from", min=0, help="First frame of the view.")] = 0,
     stop: Annotated[int | None, typer.Option("--to", min=1, help="Frame after the last one (default: all).")] = None,
@@ -445,12 +449,12 @@ def view_command(
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif, .mp4 and .html.")] = 12.0,
 ) -> None:
-    """Draw pictures of a stream, together with its lens position, light, truth and scores."""
+    """Draw pictures of a recording, together with its lens position, light, truth and scores."""
     from saf_gen.benchmark.admission import admit_measure
     from saf_gen.stream.pictures import write_view
-    from saf_gen.stream.stream_file import open_stream
+    from saf_gen.stream.recordings import open_recording
 
-    with open_stream(stream) as opened:
+    with open_recording(stream) as opened:
         pictures = write_view(
             opened,
             target,

@@ -110,6 +110,18 @@ def test_a_stream_without_its_stacks_is_named(dataset, tmp_path):
     assert not (tmp_path / "events.h5").exists()
 
 
+def test_events_are_viewed_by_their_counts(dataset, tmp_path, call, readable_figures):
+    arguments = ("--sensor", "davis346", "--out", tmp_path, "--sequence", "plane-constant-00")
+    assert call("recapture", dataset, *arguments)[0] == 0
+    path = tmp_path / "test" / "plane-constant-00.h5"
+    code, output, error = call("view", path, "--out", tmp_path / "view.png")
+    assert (code, "6 pictures of 80 frames each" in output) == (0, True), error
+    assert call("view", path, "--out", tmp_path / "view.html")[0] == 0
+    assert "events per readout" in (tmp_path / "view.html").read_text()
+    code, _, error = call("view", path, "--as", "spikes", "--out", tmp_path / "none.png")
+    assert (code, "of a recording of events; allowed: tfp" in error) == (2, True)
+
+
 def test_events_are_judged_on_the_recorded_track_alone(dataset, tmp_path, call):
     target = tmp_path / "events"
     code, output, _ = call("recapture", dataset, "--out", target, "--sequence", "plane-constant-00")

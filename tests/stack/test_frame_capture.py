@@ -141,6 +141,18 @@ def test_the_command_makes_a_dataset_that_is_judged_resumes_and_repairs(dataset,
         assert not (tmp_path / "none").exists()
 
 
+def test_frames_are_viewed_one_by_one(dataset, tmp_path, call, readable_figures):
+    record(dataset, NAMES[0], tmp_path / "frames.h5")
+    code, output, error = call("view", tmp_path / "frames.h5", "--measure", "sd", "--out", tmp_path / "view.png")
+    assert (code, output) == (0, f"6 pictures of 1 frame each in {tmp_path / 'view.png'}\n"), error
+    assert call("view", tmp_path / "frames.h5", "--window", "2", "--out", tmp_path / "view.html")[0] == 0
+    assert "levels per frame" in (tmp_path / "view.html").read_text()
+    for kind in ("tfi", "spikes"):
+        code, _, error = call("view", tmp_path / "frames.h5", "--as", kind, "--out", tmp_path / "none.png")
+        assert (code, "of a recording of levels" in error, len(error.splitlines())) == (2, True, 1)
+    assert not (tmp_path / "none.png").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -60,7 +60,7 @@ def write_view(
         A key of KINDS.
     window : int, optional
         Frames per window, both of pictures and of scores; by default 100, or a tenth of the view if it has fewer than
-        1,000 frames.
+        1,000 frames, or one of a frame camera.
     first, stop : int, optional
         The view, frames ``first <= t < stop``; by default the whole recording.
     every : int, optional

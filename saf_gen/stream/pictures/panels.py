@@ -100,12 +100,19 @@ def _draw_light(axes: Axes, timeline: Timeline) -> None:
     width = np.diff(timeline.centres).min() if len(timeline.centres) > 1 else timeline.stop - timeline.first
     centres = np.concatenate(([timeline.centres[0] - width / 2], timeline.centres, [timeline.centres[-1] + width / 2]))
     shown = np.pad(timeline.rate, 1, mode="edge")
-    rate.fill_between(centres, shown, color=GREY, lw=0, step="mid", label="spikes per readout")
+    rate.fill_between(
+        centres,
+        shown,
+        color=GREY,
+        lw=0,
+        step="mid",
+        label=f"{timeline.counted} per {'frame' if timeline.counted == 'levels' else 'readout'}",
+    )
     rate.set_ylim(0, 1.1 * timeline.rate.max() or 1)
     rate.yaxis.set_major_locator(MaxNLocator(3, steps=TICKS))
     hide_spines(rate, "top", "right" if rate is axes else "left")
     if rate is axes:
-        axes.set_ylabel("spikes")
+        axes.set_ylabel(timeline.counted)
     else:
         rate.tick_params(length=2.5, pad=2, labelcolor=SOFT)
         rate.spines["right"].set_visible(False)

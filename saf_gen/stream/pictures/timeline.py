@@ -13,16 +13,19 @@ from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
+from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.measure_input import measure_input, wanted_form
 from saf_gen.stream.metadata import ReadableStream
+from saf_gen.stream.recordings import EventRecording
 
 KINDS = {
-    "tfp": "Texture from playback: the spikes of each pixel in the window",
+    "tfp": "Texture from playback: the spikes, events or levels of each pixel in the window",
     "tfi": "Texture from intervals: the rate from the interval between spikes around the middle of the window",
     "spikes": "The readout in the middle of the window; spikes are white",
 }
 WINDOW = 100
-"""Default number of frames per window, as in a block of the methods; in a short view it is a tenth of the view."""
+"""Default number of frames per window, as in a block of the methods; in a short view it is a tenth of the view. Of a
+frame camera it is one."""
 WHITE_QUANTILE, WHITE_WINDOWS = 0.998, 12
 """Fraction of pixels below white, and number of windows that determine white, which all pictures share."""
 
@@ -83,16 +86,21 @@ def choose_windows(
 
     A window begins every ``every`` frames. If that is not given, ``count`` windows are spread evenly over the view, or
     fewer if some would begin at the same frame. A ``window`` has 100 frames by default, or a tenth of the view if it
-    has fewer than 1,000 frames.
+    has fewer than 1,000 frames; one frame of a frame camera.
 
-    Raises BadInput if the kind is unknown, the view leaves the recording, a window is longer than the view, or there
-    would be more than ``max_count`` pictures.
+    Raises BadInput if the kind is unknown or of spikes that the camera has not, the view leaves the recording, a window
+    is longer than the view, or there would be more than ``max_count`` pictures.
     """
     if kind not in KINDS:
         raise unknown("kind of picture", kind, allowed=KINDS)
+    if kind != "tfp" and (counted := what_is_counted(stream)) != "spikes":
+        raise BadInput(
+            f"pictures {kind} of a recording of {counted}", where=str(stream.path), allowed="tfp, the sum of a window"
+        )
     total = stream.shape[0]
     span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
-    length = _positive_integer("window", min(WINDOW, -(-len(span) // 10)) if window is None else window)
+    usual = 1 if isinstance(stream, FrameFile) else min(WINDOW, -(-len(span) // 10))
+    length = _positive_integer("window", usual if window is None else window)
     if length > len(span):
         raise BadInput(
             f"a window of {length} frames in a view of {len(span)}", allowed=f"1 to {len(span)}", hint="widen the view"
@@ -112,6 +120,13 @@ def choose_windows(
     samples = (_read_picture(stream, kind, first=int(a), window=length) for a in shown)
     white = 1.0 if kind == "spikes" else max(white_level(s, quantile=WHITE_QUANTILE) for s in samples)
     return WindowPictures(stream, kind, length, starts, white)
+
+
+def what_is_counted(stream: ReadableStream) -> str:
+    """Return what the numbers of a recording count: ``spikes``, ``events``, or ``levels`` of a frame camera."""
+    if isinstance(stream, EventRecording):
+        return "events"
+    return "levels" if isinstance(stream, FrameFile) else "spikes"
 
 
 def _read_picture(stream: ReadableStream, kind: str, *, first: int, window: int) -> np.ndarray:
@@ -171,9 +186,11 @@ class Timeline:
     centres : ndarray of float64, shape (n,)
         Middle of each counted window, in frames.
     rate : ndarray of float64, shape (n,)
-        Spikes per pixel and readout in each counted window.
+        Spikes, events or levels per pixel and readout in each counted window.
     scores : mapping of str to ndarray of float64, shape (n,)
         Scores of each measure by name.
+    counted : str
+        What the rate counts: ``spikes``, ``events`` or ``levels``.
     """
 
     first: int
@@ -186,6 +203,7 @@ class Timeline:
     centres: np.ndarray
     rate: np.ndarray
     scores: Mapping[str, np.ndarray]
+    counted: str
 
 
 @dataclass(frozen=True)
@@ -245,6 +263,7 @@ def read_timeline(
         np.array(starts) + (window - 1) / 2,
         np.array([stream.counts(a, a + window).mean() / window for a in starts]),
         {name: np.array(values) for name, values in scores.items()},
+        what_is_counted(stream),
     )
 
 
