@@ -62,15 +62,6 @@ def leave_to_spikes(
     return fit
 
 
-def check_camera_runs(tasks: list[SequenceTask]) -> None:
-    """Raise BadInput if the recordings hold events: no such camera runs in the closed loop."""
-    if _kind(tasks) == "events":
-        raise BadInput(
-            f"{tasks[0].id} holds events", allowed="--track recorded",
-            hint="the closed loop takes spikes, photons and frames",
-        )  # fmt: skip
-
-
 LAW, INTERVALS, MADE = "corrects for the noise of spikes", "needs intervals between spikes", "makes events of spikes"
 WORDS = {"photons": "single photons", "events": "events", "frames": "frames"}
 REFUSED = {
