@@ -76,7 +76,7 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_events(recorded, name):
         for first, stop in ((0, frames), (0, 100), (240, 255), (frames - 100, frames)):
             wanted, found = recording.counts(first, stop).astype(int), captured.window(first, stop).astype(int)
             assert wanted.sum() > 20
-            assert np.abs(wanted - found).sum() <= 1 + 0.005 * wanted.sum()
+            assert np.abs(wanted - found).sum() <= 2 + 0.01 * wanted.sum()
     with saf_gen.open_events(recorded[name].path) as file:
         wanted = file.events(0, frames / HZ)
     t, pixel, rises = all_events(captured)
