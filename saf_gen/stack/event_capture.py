@@ -73,7 +73,7 @@ class EventCapture:
             device_seed=derive_seed("events", capture.device_seed, sensor.name), threads=threads,
         )  # fmt: skip
 
-    def follow(self, position: Callable[[np.ndarray], np.ndarray], begin: int, end: int) -> LightCourse:
+    def follow(self, position: Callable[[np.ndarray], np.ndarray], *, begin: int, end: int) -> LightCourse:
         """Return the course of readouts ``begin <= t < end`` for a lens whose position is a function of seconds."""
         span_s, knots = (begin / self._hz, end / self._hz), self._source.time_stack.specs[0].positions
         return LightCourse.follow(position, self._integrals, span_s=span_s, knots=knots)
@@ -149,7 +149,7 @@ def record_events(
     )
     with EventWriter(path, shape=stream.shape, readout_hz=hz, metadata=metadata) as writer:
         for run in time_stack.split_at_slices(0, capture.frames):
-            course = events.follow(lambda at: np.interp(at, middles, logged), run.begin, run.end)
+            course = events.follow(lambda at: np.interp(at, middles, logged), begin=run.begin, end=run.end)
             for part in events.record(run, course):
                 writer.write(EventColumns(part.x, part.y, part.t, part.p))
     return writer.count, writer.content_sha256

@@ -101,7 +101,7 @@ def test_events_are_those_of_the_recording_where_cells_are_cut_alike(recorded, n
     camera = captured._start()
     events = []
     for run in running.capture.plane_source.time_stack.split_at_slices(0, frames):
-        course = camera.follow(lambda at: np.interp(at, middles, path), run.begin, run.end)
+        course = camera.follow(lambda at: np.interp(at, middles, path), begin=run.begin, end=run.end)
         events += camera.record(run, course)
     with saf_gen.open_events(recorded[name].path) as file:
         wanted = file.events(0, file.seconds)

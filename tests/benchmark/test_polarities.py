@@ -17,7 +17,6 @@ from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.benchmark.view.running_camera import Clock, RunningCamera, SpikePlanes, SweepView
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import wants_polarities
-from saf_gen.plugins.searches.pbf import mirror_centre
 from saf_gen.stream.event_file import EventColumns, EventWriter
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.recordings import open_recording
@@ -189,11 +188,6 @@ def test_pbf_answers_with_the_mirror_of_true_polarities(recorded, columns, windo
     assert answer.frame == pbf_one_by_one(columns, window)
     assert answer.frame == pytest.approx(FOCUS, abs=window / 2 + 10)
     assert view.now == FRAMES // window * window
-
-
-def test_pbf_of_events_tells_rises_from_falls():
-    """The same mirror as that of ``pbf``: rises at 2 and falls at 6 mirror about 4, whichever way round."""
-    assert mirror_centre(np.eye(9)[2], np.eye(9)[6]) == mirror_centre(np.eye(9)[6], np.eye(9)[2]) == 4.0
 
 
 @pytest.mark.parametrize(("kept", "note"), [(1, "no events of both polarities"), (0, "no events of both polarities")])

@@ -15,6 +15,7 @@ import numpy as np
 from saf_gen.benchmark.view.running_camera import PACKET_FRAMES
 from saf_gen.camera import LightCourse
 from saf_gen.camera.events import EventSensor
+from saf_gen.camera.events.camera import Events
 from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
 from saf_gen.stack.capture import Capture
@@ -22,7 +23,7 @@ from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.event_capture import EventCapture
 
 
-class _Events(NamedTuple):
+class _Held(NamedTuple):
     """Events in the region in the order in which they were read: microseconds, pixels and rises of the light."""
 
     t: np.ndarray
@@ -72,7 +73,7 @@ class CapturedEvents:
             capture, charge_source, sensor=sensor, integrals=integrals, threads=threads
         )
         self._camera = self._start()
-        self._parts: list[_Events] = []
+        self._parts: list[_Held] = []
         self._position, self.frames = np.zeros(capture.frames), 0
 
     def encode_until(self, stop: int, position: np.ndarray) -> None:
@@ -90,9 +91,9 @@ class CapturedEvents:
         lens = _interpolated(self._position[:stop], self._hz)
         for run in self.capture.plane_source.time_stack.split_at_slices(self.frames, stop):
             packets = range(run.begin, run.end, PACKET_FRAMES)
-            courses = [self._camera.follow(lens, first, first + PACKET_FRAMES) for first in packets]
+            courses = [self._camera.follow(lens, begin=first, end=first + PACKET_FRAMES) for first in packets]
             for events in self._camera.record(run, _joined(courses)):
-                self._keep(events.t, events.x.astype(np.int64), events.y.astype(np.int64), rises=events.p)
+                self._keep(events)
             self.frames = run.end
 
     def window(self, first: int, stop: int) -> np.ndarray:
@@ -121,12 +122,13 @@ class CapturedEvents:
         """Return the beginning of a readout, rounded down, so that no later packet adds events to a window."""
         return int(frame * 1e6 / self._hz + 1e-6)
 
-    def _keep(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, *, rises: np.ndarray) -> None:
+    def _keep(self, events: Events) -> None:
         rows, columns = self._region
+        x, y = events.x.astype(np.int64), events.y.astype(np.int64)
         inside = (y >= rows.start) & (y < rows.stop) & (x >= columns.start) & (x < columns.stop)
         if inside.any():
             pixel = (y[inside] - rows.start) * self.shape[1] + x[inside] - columns.start
-            self._parts.append(_Events(t[inside], pixel, rises[inside]))
+            self._parts.append(_Held(events.t[inside], pixel, events.p[inside]))
 
 
 def _interpolated(position: np.ndarray, hz: float) -> Callable[[np.ndarray], np.ndarray]:
