@@ -230,6 +230,29 @@ class View(Protocol):
         """
         ...
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop`` in the region by polarity, if an event camera made them.
+
+        It takes as much camera time as ``score``. Their sum is ``counts``. A search that cannot do without states
+        ``polarities = True``.
+
+        Parameters
+        ----------
+        first, stop : int
+            Window of at least one frame, 0 <= first < stop <= ``frames``.
+
+        Returns
+        -------
+        ndarray of uint32, shape (2, row, col)
+            Falls of the light, and then rises, per pixel in the window, read-only.
+
+        Raises
+        ------
+        BadInput
+            If the camera sees spikes, photons or frames, which have no polarity.
+        """
+        ...
+
     def position(self, frame: int) -> float:
         """Return the lens position at a frame that has passed, as a fraction of the travel; NaN if unknown.
 
@@ -290,6 +313,11 @@ def commands(search: object) -> bool:
     return bool(getattr(search, "commands", False))
 
 
+def wants_polarities(search: object) -> bool:
+    """Return whether a search needs events by polarity (``polarities = True``) and therefore an event camera."""
+    return bool(getattr(search, "polarities", False))
+
+
 def wants_measures(search: object) -> tuple[str, ...]:
     """Return the names of the additional focus measures that a search uses (attribute ``measures``)."""
     return tuple(getattr(search, "measures", ()))
@@ -340,6 +368,8 @@ class Search(Protocol):
         Whether the search commands the lens.
     measures : tuple of str, optional
         Names of the focus measures that the search uses in addition to the method's.
+    polarities : bool, optional
+        Whether the search needs events by polarity; it is then refused where recordings hold none.
     causal : bool, optional
         Whether the search can stop before the sweep ends; the conformance checks require this attribute.
     cost : float, optional

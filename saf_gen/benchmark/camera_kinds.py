@@ -1,14 +1,14 @@
-"""Measures that need the spikes of a spike camera, and recordings by other cameras."""
+"""Methods that need what only some cameras see, and recordings by other cameras."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from saf_gen.benchmark.method_spec import Method, split_options
+from saf_gen.benchmark.method_spec import Method, nested_plugins, split_options
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.camera import parse_sensor
 from saf_gen.camera.spad import SpadSensor
 from saf_gen.errors import BadInput
-from saf_gen.parts import wants_intervals
+from saf_gen.parts import wants_intervals, wants_polarities
 from saf_gen.plugins.measures import NORMALISED_SUFFIX
 from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.recordings import EventRecording, open_recording
@@ -18,12 +18,17 @@ LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "st
 of single photons and of events share nothing, so that the same addend would be taken for contrast."""
 EVENTS_OF_SPIKES = frozenset({"change_rate"})
 """Measures that make events of spikes, and mean nothing where there are events."""
+NOT_ON_EVENTS = {
+    "pbf": "makes events of differences of counts",
+    "elp": "needs pictures beside the events, which an event file has not",
+}
+"""Searches that mean nothing where there are events, each with the reason."""
 
 
-def leave_to_spikes(
+def keep_those_that_suit(
     methods: Mapping[str, Method], tasks: list[SequenceTask], *, asked: bool, tell: Callable[[str], None]
 ) -> dict[str, Method]:
-    """Return the methods whose measure suits the camera of the recordings.
+    """Return the methods that suit the camera of the recordings.
 
     Parameters
     ----------
@@ -39,53 +44,62 @@ def leave_to_spikes(
     Raises
     ------
     BadInput
-        If a named method needs spikes, and the recordings hold single photons or events.
+        If a named method needs what the camera of the recordings does not see.
     """
-    needs = {name: need for name, method in methods.items() if (need := _need(method))}
+    needs = {name: need for name, method in methods.items() if (need := _needs(method))}
     kind = _kind(tasks) if needs or not asked else "spikes"
-    unfit = [name for name, need in needs.items() if need in REFUSED[kind]]
+    unfit = {name: reason for name, need in needs.items() for reason in need if reason in REFUSED[kind]}
     if kind == "frames" and not asked:
         raise BadInput(
             "these recordings hold frames, and windows are numbers of frames", allowed="methods that name their window",
             hint="for example --method sd+argmax:window=3",
         )  # fmt: skip
-    if kind == "spikes" or not unfit:
+    if not unfit:
         return dict(methods)
     fit = {name: method for name, method in methods.items() if name not in unfit}
     if asked or not fit:
+        name, reason = next(iter(unfit.items()))
         raise BadInput(
-            f"{unfit[0]} {needs[unfit[0]]}, and these recordings hold {WORDS[kind]}",
-            allowed="a measure of counts that corrects for no spikes, such as sd or er_count",
+            f"{name} {reason}, and these recordings hold {WORDS[kind]}",
+            allowed=INSTEAD.get(reason, COUNTS),
             hint="leave the method out",
         )
     tell(f"left out, because these recordings hold {WORDS[kind]}: {', '.join(unfit)}")
     return fit
 
 
-def check_camera_runs(tasks: list[SequenceTask]) -> None:
-    """Raise BadInput if the recordings hold events: no such camera runs in the closed loop."""
-    if _kind(tasks) == "events":
-        raise BadInput(
-            f"{tasks[0].id} holds events", allowed="--track recorded",
-            hint="the closed loop takes spikes, photons and frames",
-        )  # fmt: skip
-
-
 LAW, INTERVALS, MADE = "corrects for the noise of spikes", "needs intervals between spikes", "makes events of spikes"
-WORDS = {"photons": "single photons", "events": "events", "frames": "frames"}
+POLARITY = "needs polarities"
+WORDS = {"spikes": "spikes", "photons": "single photons", "events": "events", "frames": "frames"}
 REFUSED = {
-    "spikes": (), "photons": (LAW,), "events": (LAW, INTERVALS, MADE), "frames": (LAW, INTERVALS)
-}  # fmt: skip
+    "spikes": (POLARITY,),
+    "photons": (LAW, POLARITY),
+    "events": (LAW, INTERVALS, MADE, *NOT_ON_EVENTS.values()),
+    "frames": (LAW, INTERVALS, POLARITY),
+}
+COUNTS = "a measure of counts that corrects for no spikes, such as sd or er_count"
+INSTEAD = {
+    POLARITY: "recordings of an event camera, as saf-gen recapture makes them",
+    NOT_ON_EVENTS["pbf"]: "pbf_events, which takes the polarities themselves",
+    NOT_ON_EVENTS["elp"]: "searches of events alone, such as egs_code and pbf_events",
+}
+"""What may be used where a method is refused, by the reason; else COUNTS."""
 
 
-def _need(method: Method) -> str:
-    """Return what of spikes a method needs, or ''."""
+def _needs(method: Method) -> list[str]:
+    """Return why some cameras do not suit a method."""
     name = split_options(method.measure_name)[0].removesuffix(NORMALISED_SUFFIX)
-    if name in LAW_OF_SPIKES:
-        return LAW
-    if name in EVENTS_OF_SPIKES:
-        return MADE
-    return INTERVALS if wants_intervals(method.measure) else ""
+    return [
+        reason
+        for reason, applies in (
+            (LAW, name in LAW_OF_SPIKES),
+            (MADE, name in EVENTS_OF_SPIKES),
+            (INTERVALS, wants_intervals(method.measure)),
+            (POLARITY, any(map(wants_polarities, nested_plugins(method.search)))),
+            (NOT_ON_EVENTS.get(method.search_name, ""), method.search_name in NOT_ON_EVENTS),
+        )
+        if applies
+    ]
 
 
 def _kind(tasks: list[SequenceTask]) -> str:

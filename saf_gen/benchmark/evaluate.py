@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.benchmark.admission import admit_measure, describe_undeclared
-from saf_gen.benchmark.camera_kinds import check_camera_runs, leave_to_spikes
+from saf_gen.benchmark.camera_kinds import keep_those_that_suit
 from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -158,9 +158,7 @@ def evaluate(
         check_leaves_lens(list(chosen.values()))
     selection = select_sequences_to_evaluate(path, split=split, scene_motion=scene_motion)
     tasks = selection.tasks
-    if protocol is not None:
-        check_camera_runs(tasks)
-    chosen = leave_to_spikes(chosen, tasks, asked=asked, tell=tell)
+    chosen = keep_those_that_suit(chosen, tasks, asked=asked, tell=tell)
     groups = by_region(chosen, region)
     count = max(1, sum(len(group) for group in groups.values()))  # predictions alone are one step, too
     prediction_set = None

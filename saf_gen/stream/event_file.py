@@ -282,10 +282,15 @@ class EventFile:
 
     def counts(self, first_s: float, stop_s: float) -> np.ndarray:
         """Return the number of events of each pixel in ``first_s <= t < stop_s``, uint32 (H, W)."""
+        total: np.ndarray = self.polarities(first_s, stop_s).sum(axis=0, dtype=np.uint32)
+        return total
+
+    def polarities(self, first_s: float, stop_s: float) -> np.ndarray:
+        """Return the falls, and then the rises, of each pixel in ``first_s <= t < stop_s``, uint32 (2, H, W)."""
         held = self.events(first_s, stop_s)
         _, rows, columns = self.shape
-        pixel = held.y.astype(np.int64) * columns + held.x
-        return np.bincount(pixel, minlength=rows * columns).astype(np.uint32).reshape(rows, columns)
+        index = ((held.p != 0) * np.int64(rows) + held.y) * columns + held.x
+        return np.bincount(index, minlength=2 * rows * columns).astype(np.uint32).reshape(2, rows, columns)
 
     def counts_of_ms(self) -> np.ndarray:
         """Return the number of events in each millisecond, int64 (n,)."""

@@ -63,6 +63,15 @@ class EventRecording:
         part = validate_region(region, self.shape[1:], where=str(self.path))
         return self._events.counts(window.start / self.readout_hz, window.stop / self.readout_hz)[part]
 
+    def polarities(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
+        """Return the falls, and then the rises, of the light of each pixel in such readouts: uint32 (2, h, w).
+
+        Raises what :meth:`counts` raises.
+        """
+        window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
+        part = validate_region(region, self.shape[1:], where=str(self.path))
+        return self._events.polarities(window.start / self.readout_hz, window.stop / self.readout_hz)[:, *part]
+
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> NoReturn:
         """Raise BadInput, because an event camera has no frames."""
         raise self._has_no("frames")

@@ -47,5 +47,12 @@ class Sweep:
         lit = self.spikes[stop] - self.spikes[first] - dark
         return dark + lit * np.where(np.indices((4, 4)).sum(axis=0) % 2, 1.5, 0.5)
 
+    def polarities(self, first, stop):
+        """Return the events of 4 × 4 pixels, of which the brighter half follows the curve: falls, then rises."""
+        self.now = max(self.now, stop)
+        change = 1e6 * (self.curve[stop - 1] - self.curve[first])
+        events = np.array([max(-change, 0.0), max(change, 0.0)]).astype(np.uint32)
+        return events[:, None, None] * (np.indices((4, 4)).sum(axis=0) % 2).astype(np.uint32)
+
     def position(self, frame):
         return float("nan") if self.lens is None else float(self.lens[frame])

@@ -10,7 +10,7 @@ from planting import Change
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
 EACH_LAW = "studies/test_laws.py::test_a_law_holds_at_its_small_size"
-RENDERED = ("render/", "optics/test_microscope", EACH_LAW)
+RENDERED = ("render/", "optics/test_microscope", "benchmark/test_closed_loop_events", EACH_LAW)
 """Tests that render, which takes long and needs LLVM."""
 COMPILED = ("camera.encoder_kernel", "camera.events.kernel", "camera.spad.kernel")
 """Modules that take long to compile."""
@@ -294,6 +294,22 @@ FAULTS = {
         (
             "camera/test_events.py::test_a_ramp_has_events_where_its_logarithm_passes_a_threshold",
             "camera/test_events.py::test_a_step_has_all_its_events_when_it_happens",
+        ),
+    ),
+    "rises counted as falls": Fault(
+        "A method gets the rises of the light for its falls, and its falls for its rises.",
+        (Change("stream.event_file", "(held.p != 0)", "(held.p == 0)"),),
+        (
+            "benchmark/test_polarities.py::test_polarities_are_the_events_one_by_one",
+            "benchmark/test_polarities.py::test_a_guest_sees_what_a_method_of_ours_sees",
+        ),
+    ),
+    "pixels forget": Fault(
+        "The pixels of a running event camera begin anew each time that a method looks.",
+        (Change("benchmark.view.captured_events", "in self._camera.record(run,", "in self._start().record(run,"),),
+        (
+            "benchmark/test_closed_loop_events.py::test_events_do_not_depend_on_how_often_a_method_looks",
+            "benchmark/test_closed_loop_events.py::test_a_lens_on_the_recorded_path_gives_the_recorded_events",
         ),
     ),
     "dim light at once": Fault(

@@ -122,7 +122,7 @@ def test_events_are_viewed_by_their_counts(dataset, tmp_path, call, readable_fig
     assert (code, "of a recording of events; allowed: tfp" in error) == (2, True)
 
 
-def test_events_are_judged_on_the_recorded_track_alone(dataset, tmp_path, call):
+def test_events_are_judged_on_the_recorded_track(dataset, tmp_path, call):
     target = tmp_path / "events"
     code, output, _ = call("recapture", dataset, "--out", target, "--sequence", "plane-constant-00")
     assert code == 0
@@ -137,7 +137,6 @@ def test_events_are_judged_on_the_recorded_track_alone(dataset, tmp_path, call):
     assert code == 0, error
     assert "left out, because these recordings hold events: " in output + error
     for options, words in (
-        (("--track", "closed_loop"), "holds events; allowed: --track recorded"),
         (("--method", "sd_debiased+argmax"), "corrects for the noise of spikes"),
         (("--method", "sd_tfi+argmax"), "needs intervals between spikes"),
         (("--method", "change_rate+valley"), "makes events of spikes"),

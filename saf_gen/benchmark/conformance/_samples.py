@@ -141,6 +141,7 @@ def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24
+CONTRAST = 0.02  # change of the logarithm of the light that makes an event
 
 
 def bell(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
@@ -205,6 +206,15 @@ class SyntheticRecording:
     def counts(self, first: int, stop: int) -> np.ndarray:
         mean, frames = self._look(first, stop)
         return np.rint(self._make_texture(mean, frames=frames)).astype(np.uint32)
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return what an event camera would see of the change of the texture over the window, with CONTRAST."""
+        self._look(first, stop)
+        ends = (self._sums[t + 1] - self._sums[t] for t in (first, stop - 1))
+        before, after = (self._make_texture(float(value), frames=1) for value in ends)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.nan_to_num((np.log(after) - np.log(before)) / CONTRAST, posinf=0.0, neginf=0.0)
+        return np.stack([np.maximum(-change, 0), np.maximum(change, 0)]).astype(np.uint32)
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)

@@ -261,6 +261,9 @@ class GuestProcess:
                     raise GuestLost(f"its process asked for an image of the form {form!r:.40}")
                 image = view.image(form, first=request["first"], stop=request["stop"])
                 return {"now": view.now, **self._memory.write(image)}
+            if "polarities" in request:
+                events = view.polarities(request["polarities"], request["stop"])
+                return {"now": view.now, **self._memory.write(events)}
             if "position" in request:
                 position = view.position(request["position"])
                 return {"position": position, "positions": self._memory.write(view.positions(int(request["known"])))}

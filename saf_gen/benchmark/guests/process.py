@@ -100,8 +100,16 @@ class RemoteView:
         self.scorer.note_look()
         return counts
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        events = self._window({"polarities": _whole(first), "stop": _whole(stop)})
+        self.scorer.note_look()
+        return events
+
     def _image(self, form: str, *, first: int, stop: int) -> np.ndarray:
-        reply = self._line.ask({"image": form, "first": _whole(first), "stop": _whole(stop)})
+        return self._window({"image": form, "first": _whole(first), "stop": _whole(stop)})
+
+    def _window(self, request: dict[str, Any]) -> np.ndarray:
+        reply = self._line.ask(request)
         self.now = reply["now"]
         self.scorer.windows += 1
         return self._line.memory.read(reply)

@@ -31,6 +31,7 @@ from saf_gen.benchmark.tracks.beside_truth import (
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
+from saf_gen.benchmark.view.captured_events import CapturedEvents
 from saf_gen.benchmark.view.captured_exposures import CapturedExposures, clock_of
 from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import WindowCounts
@@ -41,18 +42,22 @@ from saf_gen.benchmark.view.running_camera import (
     SweepView,
     rows_in_view,
 )
+from saf_gen.camera.events import EventSensor
 from saf_gen.camera.frames import FrameSensor
 from saf_gen.core import seeds
 from saf_gen.core.region import Region, region_shape, validate_region
 from saf_gen.parts import Answer, commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.event_capture import recorded_by
 from saf_gen.stack.frame_capture import recorded_light
+from saf_gen.stack.recapture import light_integrals
 from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.recordings import Recording, open_recording
+from saf_gen.stream.recordings import EventRecording, Recording, open_recording
 
+AnyCaptured = CapturedFrames | CapturedExposures | CapturedEvents
 SETTLE_TOLERANCE = 1e-4
 """Distance from its last position, as a fraction of the travel, within which the lens counts as settled."""
 ARRIVAL_TOLERANCE_DOF = 0.25
@@ -101,7 +106,7 @@ class ClosedLoopRun:
 
 
 def start_camera(
-    captured: CapturedFrames | CapturedExposures,
+    captured: AnyCaptured,
     measure: Callable[..., float] | None,
     *,
     protocol: ClosedLoopProtocol,
@@ -160,11 +165,7 @@ def explain_spent_budget(budget: int) -> str:
 
 
 def run_closed_loop(
-    captured: CapturedFrames | CapturedExposures,
-    method: Method,
-    *,
-    protocol: ClosedLoopProtocol,
-    start: float | None = None,
+    captured: AnyCaptured, method: Method, *, protocol: ClosedLoopProtocol, start: float | None = None
 ) -> ClosedLoopRun:
     """Let a method search for the focus, and return the run, whatever the method raises or answers.
 
@@ -282,7 +283,9 @@ class ClosedLoopSequence:
     data : str
         content_sha256 of the stream, or a digest of stream and time slices if the recording has other time slices.
     light : sequence of callable
-        Integrals of the gains of the lamps over time, in seconds, if the camera is a frame camera; else empty.
+        Integrals of the gains of the lamps over time, in seconds, for a camera of frames or events; else empty.
+    event_sensor : EventSensor or None
+        The camera, if it is an event camera.
     """
 
     task: SequenceTask
@@ -292,6 +295,7 @@ class ClosedLoopSequence:
     charge_source: ChargeSource
     data: str
     light: Sequence[Callable[[np.ndarray], np.ndarray]] = ()
+    event_sensor: EventSensor | None = None
 
     @classmethod
     def from_stream(cls, task: SequenceTask, stream: Recording, *, region: str) -> "ClosedLoopSequence":
@@ -306,12 +310,21 @@ class ClosedLoopSequence:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
         chosen, region_name = choose_region(stream, region)
         box = validate_region(chosen, stream.shape[1:])
+        if isinstance(stream, EventRecording):
+            groups, seconds = capture.plane_source.time_stack.specs[0].groups, stream.shape[0] / stream.readout_hz
+            light, sensor = light_integrals(stream, groups, duration_s=seconds), recorded_by(stream)
+            return cls(task, capture, box, region_name, capture.open_charge_source(), data, light, sensor)
         charge_source = capture.open_charge_source(rows_in_view(capture, box))
-        light = recorded_light(stream, capture) if isinstance(stream, FrameFile) else ()
+        light = recorded_light(stream, capture) if isinstance(stream, FrameFile) else []
         return cls(task, capture, box, region_name, charge_source, data, light)
 
-    def make_captured_frames(self, *, threads: int | None = None) -> CapturedFrames | CapturedExposures:
-        """Return an empty store for captured frames of the box; ``threads`` encode them, by default one per core."""
+    def make_captured_frames(self, *, threads: int | None = None) -> AnyCaptured:
+        """Return an empty store for what the camera captures of the box, with ``threads``, by default one per core."""
+        if self.event_sensor is not None:
+            return CapturedEvents(
+                self.capture, self.charge_source, sensor=self.event_sensor, integrals=self.light, region=self.box,
+                threads=threads,
+            )  # fmt: skip
         if isinstance(self.capture.sensor, FrameSensor):
             return CapturedExposures(self.capture, self.charge_source, integrals=self.light, region=self.box)
         return CapturedFrames(self.capture, self.charge_source, region=self.box, threads=threads)

@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from saf_gen.benchmark.view.restricted_view import no_polarities
 from saf_gen.benchmark.view.running_camera import Clock
 from saf_gen.camera.frames import FrameSensor
 from saf_gen.core.region import Region, region_shape
@@ -102,3 +103,7 @@ class CapturedExposures:
     def intervals(self, first: int, stop: int) -> NoReturn:
         """Raise BadInput, because a frame camera has no intervals between spikes."""
         raise BadInput("a frame camera has no intervals between spikes", allowed="sums of frames")
+
+    def polarities(self, first: int, stop: int) -> NoReturn:
+        """Raise BadInput, because frames have no polarity."""
+        raise no_polarities()

@@ -64,6 +64,10 @@ class RestrictedView:
         """Return the spike counts of frames ``first <= t < stop``; raises what the view raises."""
         return self._within.time(self._view.counts, first, stop)
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop`` by polarity; raises what the view raises."""
+        return self._within.time(self._view.polarities, first, stop)
+
     def position(self, frame: int) -> float:
         """Return the lens position that was read at a frame, a fraction of the travel."""
         return self._within.time(self._view.position, frame)
@@ -88,6 +92,17 @@ class TimedWindowSource(WindowSource, Protocol):
     """
 
     textures_s: float
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the falls, and then the rises, of a window, uint32 (2, h, w); BadInput if these are no events."""
+        ...
+
+
+def no_polarities() -> BadInput:
+    """Return the error for what has no polarity."""
+    return BadInput(
+        "spikes, photons and frames have no polarity", allowed="polarities of an event camera", hint="use counts"
+    )
 
 
 class MeteredScorer:
@@ -152,10 +167,13 @@ class MeteredScorer:
         before = source.textures_s
         image = measure_input(source, form, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
+        self._charge(image, cost)
+        return image
+
+    def _charge(self, image: np.ndarray, cost: float | None) -> None:
         self.windows += 1
         pixels = image.shape[-2] * image.shape[-1]
         self.operations += pixels * (cost or 0.0) + (self.cost.known().window or 0.0)
-        return image
 
     def look(self, source: TimedWindowSource, *, first: int, stop: int) -> np.ndarray:
         """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
@@ -163,6 +181,17 @@ class MeteredScorer:
         counts = self._image(source, "counts", first=first, stop=stop, cost=self.cost.known().look)
         counts.flags.writeable = False
         return counts
+
+    def look_at_polarities(self, source: TimedWindowSource, *, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop`` by polarity, uint32 (2, h, w), read-only; costs a look.
+
+        Raises BadInput if the source holds no events.
+        """
+        self.note_look()
+        events = source.polarities(first, stop)
+        self._charge(events, self.cost.known().look)
+        events.flags.writeable = False
+        return events
 
     def note_look(self) -> None:
         """Note that the method looked at counts itself."""

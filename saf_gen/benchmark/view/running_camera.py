@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 import numpy as np
 
-from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer, TimedWindowSource
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer, TimedWindowSource, no_polarities
 from saf_gen.camera.frames import FrameSensor
 from saf_gen.core import bits
 from saf_gen.core.region import Region, region_shape, validate_window
@@ -110,6 +110,10 @@ class SpikePlanes:
         image, seconds = window_time_texture(read, self.window, first=first, stop=stop)
         self.textures_s += seconds
         return image
+
+    def polarities(self, first: int, stop: int) -> NoReturn:
+        """Raise BadInput, because spikes have no polarity."""
+        raise no_polarities()
 
 
 class CapturedFrames(SpikePlanes):
@@ -264,6 +268,15 @@ class RunningCamera:
         self._compute()
         return counts
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop`` by polarity: uint32 (2, h, w), read-only.
+
+        Raises BadInput if it is no event camera, and what :meth:`counts` raises.
+        """
+        events = self.scorer.look_at_polarities(self.run_until(first, stop), first=first, stop=stop)
+        self._compute()
+        return events
+
     def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return frames ``first <= t < stop`` as a measure is called with them; raises what :meth:`counts` raises."""
         image = self.scorer.image(self.run_until(first, stop), form, first=first, stop=stop)
@@ -395,6 +408,14 @@ class SweepView:
         """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of a window of the sweep by polarity: uint32 (2, h, w), read-only.
+
+        Raises BadInput if it is no event camera, and what :meth:`counts` raises.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        return self._camera.polarities(self._offset + window.start, self._offset + window.stop)
 
     def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return a window of the sweep as a measure is called with it; raises what :meth:`counts` raises."""
