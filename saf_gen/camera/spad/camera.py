@@ -17,6 +17,7 @@ from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.errors import BadInput
 
 _GRID = 2.0**-16  # of the mean, to which maps are rounded, so that machines whose logarithms differ agree
+WORDS = 16  # random words of 32 bits for 64 frames of a pixel
 
 
 class SpadCamera:
@@ -112,13 +113,13 @@ class SpadCamera:
         light, device = (flat, index, low, high), (self._response, self._dark)
         with ThreadPoolExecutor(self._threads) as pool:  # the kernels release the interpreter's lock
             if sensor.recharge == "clocked":
+                numbers = range(self.frames // LANES * WORDS, -(-(self.frames + frames) // LANES) * WORDS)
+                words = _random_words("frames", numbers, seed=self._seed)
+                state = self._waits, self._fired, out
                 jobs = [
-                    pool.submit(
-                        expose_clocked, first, stop, self.frames, *light, self._words, *device, self._waits,
-                        self._fired, out
-                    )
+                    pool.submit(expose_clocked, first, stop, self.frames, *light, self._words, words, *device, *state)
                     for first, stop in pairwise(cuts)
-                ]  # fmt: skip
+                ]
             else:
                 words = _random_words("frames", range(self.frames, self.frames + frames), seed=self._seed)
                 of_device = float(sensor.afterpulse_on), self._blind, out

@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from saf_gen.camera.encoder_kernel import LANES, L
+from saf_gen.camera.encoder_kernel import LANES, L, store_word
 from saf_gen.core.compiled import compiled_unchecked
 
 U, W, F = np.uint64, np.uint32, np.float32
 ZERO, ONE, EIGHT = U(0), U(1), U(8)
 ALL = U(0xFFFFFFFFFFFFFFFF)
-EACH_BYTE = U(0x0101010101010101)
+EACH_BYTE, ALL_HALF = W(0x01010101), W(0xFFFFFFFF)
+HALF, QUARTER = U(2), U(4)
 GOLDEN = U(0x9E3779B97F4A7C15)  # between two words of a pixel, as in SplitMix64
 TAIL, PULSE = U(0xD1B54A32D192ED03), U(0x8CB92BA72F3D8DD7)  # for other random words of a pixel than those of its bits
 MOST_PHOTONS = F(16.0)  # beyond, a bit of ten million frames is 0
@@ -32,6 +33,7 @@ A0, A1, A2 = F(0.9999999403953552), F(-0.4999951720237732), F(0.1666096746921539
 A3, A4, A5 = F(-0.04141876474022865), F(0.00783736351877451), F(-0.0009125453652814031)
 GUARD = F(2.0**-19)  # far above what rounding does to p
 ALMOST_ONE = F(0.9999)
+LITTLE, FEW = F(2.0**-7), 16  # a change of the photons, and pixels: the bounds of eight frames then cost more than they spare
 LOWEST_BIT = U(0x03F79D71B4CB0A89)  # a de Bruijn sequence: its upper six bits tell by which power of two it was multiplied
 PLACES = np.zeros(64, np.uint64)
 for _place in range(64):
@@ -53,7 +55,7 @@ def _detected(photons: Any) -> Any:
     It is that of a 16th of the photons, by a polynomial (through the Chebyshev nodes of 0 to 1), and then four times
     p(2x) = p(x)·(2 - p(x)), in which nothing cancels.
     """
-    x = min(photons, MOST_PHOTONS) * PART
+    x = (photons if photons < MOST_PHOTONS else MOST_PHOTONS) * PART
     x2 = x * x
     p = x * (((A0 + A1 * x) + x2 * (A2 + A3 * x)) + (x2 * x2) * (A4 + A5 * x))
     for _ in range(DOUBLINGS):
@@ -62,48 +64,105 @@ def _detected(photons: Any) -> Any:
 
 
 @njit(inline="always")
+def _turned(word: Any, shift: Any, factor: Any) -> Any:
+    """Return a word shifted onto itself and multiplied, in 32 bits, to which numba must be held at every step."""
+    return W(W(W(word) ^ (W(word) >> shift)) * factor)
+
+
+@njit(inline="always")
+def _drawn(pixel: Any, pixel_too: Any, frame: Any, frame_too: Any) -> Any:
+    """Return 32 random bits from the two words of a pixel and of some frames: a mixer of M. O'Neill's kind.
+
+    Two words each, because one alone would give the same bits again to some other pixel in some other frames.
+    """
+    word = _turned(pixel ^ frame, W(16), W(0x7FEB352D))
+    word = _turned(word ^ pixel_too ^ frame_too, W(15), W(0x846CA68B))
+    word = _turned(word, W(16), W(0x9E3779B1))
+    return W(word ^ (word >> W(15)))
+
+
+@njit(inline="always")
 def _replaced(below: Any, plane: Any, bound: Any, bit: Any) -> Any:
-    """Return which of 64 numbers are below a bound, of whose lower bits ``below`` tells so, with one bit more of each.
+    """Return which of 32 numbers are below a bound, of whose lower bits ``below`` tells so, with one bit more of each.
 
     ``bound`` holds a byte for each eight of the numbers, from the lowest.
     """
-    ones = (bound >> bit) & EACH_BYTE
-    wanted = (ones << EIGHT) - ones  # the bit, eight times
-    return below ^ ((plane ^ wanted) & (below ^ wanted))
+    ones = W(W(bound >> bit) & EACH_BYTE)
+    wanted = W(W(ones << W(8)) - ones)  # the bit, eight times
+    return W(below ^ W(W(plane ^ wanted) & W(below ^ wanted)))
 
 
 @njit(inline="always")
-def _bound_chances(photons: Any, eighth: Any, least: Any, most: Any) -> Any:
-    """Set byte ``eighth`` of the bounds of all pixels: 256 p, rounded down, of the least and the most photons.
+def _find_extremes(photons: Any, first: Any, stop: Any, fewest: Any, largest: Any) -> Any:
+    """Set the fewest and the most photons of each eight frames, (8, 64), and return whether light hardly changes.
 
-    1 - exp(-H) is concave, so that it rises by less than its slope at the least photons.
+    The last row of each holds those of all frames. Light hardly changes if in few pixels p changes so much that many
+    frames would have to be decided one by one.
     """
-    shift, row = eighth * EIGHT, eighth * EIGHT * L
     for i in range(L):
-        low = high = photons[row + i]
-        for s in range(ONE, EIGHT):
-            low, high = min(low, photons[row + s * L + i]), max(high, photons[row + s * L + i])
-        low, high = min(low, MOST_PHOTONS), min(high, MOST_PHOTONS)
-        p = _detected(low)
-        top = min(p + (high - low) * (F(1.0) - p) + GUARD, ALMOST_ONE)
-        least[i] |= U(W(np.int32(max(p - GUARD, F(0.0)) * F(256.0)))) << shift
-        most[i] |= U(W(np.int32(top * F(256.0)))) << shift
+        fewest[EIGHT * L + i], largest[EIGHT * L + i] = MOST_PHOTONS, F(0.0)
+    for eighth in range(first, stop):
+        row, into = eighth * EIGHT * L, eighth * L
+        for i in range(L):
+            low, high = MOST_PHOTONS, F(0.0)
+            for s in range(EIGHT):
+                here = photons[row + s * L + i]
+                low, high = here if here < low else low, here if here > high else high
+            high = high if high < MOST_PHOTONS else MOST_PHOTONS
+            fewest[into + i], largest[into + i] = low, high
+        for i in range(L):
+            low, high = fewest[into + i], largest[into + i]
+            below, above = fewest[EIGHT * L + i], largest[EIGHT * L + i]
+            fewest[EIGHT * L + i] = low if low < below else below
+            largest[EIGHT * L + i] = high if high > above else above
+    changing = np.int32(0)
+    for i in range(L):
+        changing += np.int32(largest[EIGHT * L + i] - fewest[EIGHT * L + i] > LITTLE)
+    return changing < np.int32(FEW)
 
 
 @njit(inline="always")
-def _decide(key: Any, word: Any, undecided: Any, planes: Any, photons: Any, i: Any) -> Any:
-    """Return the bits of those of 64 frames of a pixel that its upper eight bits do not decide."""
-    bits = ZERO
-    while undecided != ZERO:
-        lowest = undecided & (ZERO - undecided)
-        undecided ^= lowest
-        lane = PLACES[(lowest * LOWEST_BIT) >> U(58)]
-        drawn = _mixed((key ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
+def _bound_chances(row: Any, into: Any, factor: Any, fewest: Any, largest: Any, least: Any, most: Any) -> Any:
+    """Add to the bounds of all pixels ``factor`` times 256 p, rounded down, of the fewest and the most photons.
+
+    1 - exp(-H) is concave, so that it rises by less than its slope at the fewest photons. Short loops: a long one is
+    not vectorised.
+    """
+    for i in range(L):
+        low, high = fewest[row + i], largest[row + i]
+        p = _detected(low)
+        top, bottom = p + (high - low) * (F(1.0) - p) + GUARD, p - GUARD
+        fewest[row + i] = (bottom if bottom > F(0.0) else F(0.0)) * F(256.0)
+        largest[row + i] = (top if top < ALMOST_ONE else ALMOST_ONE) * F(256.0)
+    for i in range(L):
+        least[into + i] += W(W(np.int32(fewest[row + i])) * factor)
+        most[into + i] += W(W(np.int32(largest[row + i])) * factor)
+
+
+@njit(inline="always")
+def _decide(word: Any, undecided: Any, known: Any, keys: Any, planes: Any, photons: Any, listed: Any, bits: Any) -> Any:
+    """Set those bits of 64 frames of all pixels that their upper eight bits do not decide.
+
+    They are listed first, because a processor that guesses wrong whether a pixel has one more loses less by it then.
+    """
+    count = ZERO
+    for i in range(L):
+        rest = (U(undecided[i]) | (U(undecided[L + i]) << U(32))) & known
+        while rest != ZERO:
+            lowest = rest & (ZERO - rest)
+            rest ^= lowest
+            listed[count] = np.uint16((PLACES[(lowest * LOWEST_BIT) >> U(58)] * L) | i)
+            count += ONE
+    for n in range(count):
+        place = U(listed[n])
+        lane, i = place // L, place & (L - ONE)
+        drawn = _mixed((keys[i] ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
+        row, bit = (lane >> U(5)) * L + i, lane & U(31)
         for k in range(EIGHT):
-            drawn |= ((planes[k * L + i] >> lane) & ONE) << (k + U(24))
-        if np.float64(drawn) < np.float64(_detected(photons[lane * L + i])) * 2.0**32:
-            bits |= lowest
-    return bits
+            drawn |= ((U(planes[k * HALF * L + row]) >> bit) & ONE) << (k + U(24))
+        here = photons[place]
+        below = np.float64(np.int64(drawn)) < np.float64(_detected(here)) * 2.0**32
+        bits[i] |= U(below | (here > MOST_PHOTONS)) << lane
 
 
 @njit(inline="always")
@@ -139,7 +198,7 @@ def _followed(bits: Any, pulses: Any, before: Any, skipped: Any, lanes: Any) -> 
 @compiled_unchecked
 def expose_clocked(
     first: Any, stop: Any, begin: Any, stack: Any, index: Any, low_weight: Any, high_weight: Any, pixel_words: Any,
-    response: Any, dark: Any, waits: Any, fired: Any, out: Any
+    moments: Any, response: Any, dark: Any, waits: Any, fired: Any, out: Any
 ) -> Any:  # fmt: skip
     """Expose the pixel blocks ``first <= block < stop``, which the clock recharges, to all frames of one call.
 
@@ -157,6 +216,9 @@ def expose_clocked(
         Weights of the knots ``index`` and ``index + 1``, gain included.
     pixel_words : ndarray of uint32, shape (2, P)
         Random words of the pixels.
+    moments : ndarray of uint32, shape (2, 16 N)
+        Random words of N times 64 frames, of which the first hold the first frame: eight of their first half, the
+        lowest bit first, and eight of the other.
     response, dark : ndarray of float32, shape (P,)
         Relative detection probability, and dark counts per frame.
     waits : ndarray of float64, shape (65,), or None
@@ -170,14 +232,18 @@ def expose_clocked(
     start_frame, end_frame = U(begin), U(begin) + U(index.size)
     low, high = np.zeros(stack.shape[0] * LANES, np.float32), np.zeros(stack.shape[0] * LANES, np.float32)
     photons, counts = np.zeros(LANES * LANES, np.float32), np.zeros(LANES, np.float32)
-    keys, planes = np.zeros(LANES, np.uint64), np.zeros(8 * LANES, np.uint64)
-    least, most = np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
-    bits, undecided = np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
+    keys, bits = np.zeros(LANES, np.uint64), np.zeros(LANES, np.uint64)
+    words, planes = np.zeros(2 * LANES, np.uint32), np.zeros(16 * LANES, np.uint32)
+    fewest, largest = np.zeros(9 * LANES, np.float32), np.zeros(9 * LANES, np.float32)
+    least, most = np.zeros(2 * LANES, np.uint32), np.zeros(2 * LANES, np.uint32)
+    ones, undecided = np.zeros(2 * LANES, np.uint32), np.zeros(2 * LANES, np.uint32)
+    listed = np.zeros(LANES * LANES, np.uint16)
     for block in range(U(first), U(stop)):
         start = block * L
         width = min(L, pixels - start)
         for i in range(width):
             keys[i] = (U(pixel_words[0, start + i]) << U(32)) | U(pixel_words[1, start + i])
+            words[i], words[L + i] = pixel_words[0, start + i], pixel_words[1, start + i]
             counts[i] = dark[start + i]
         knot = np.int64(-1)
         for word in range(start_frame // L, (end_frame + L - ONE) // L):
@@ -204,39 +270,44 @@ def expose_clocked(
             for lane in range(lanes, ends * EIGHT):  # the last frames of a recording, so that they have the bounds of eight
                 for i in range(L):
                     photons[lane * L + i] = photons[(lanes - ONE) * L + i]
-            for i in range(L):
-                least[i] = most[i] = ZERO
-            for eighth in range(skipped // EIGHT, ends):
-                _bound_chances(photons, eighth, least, most)
+            for i in range(HALF * L):
+                least[i] = most[i] = W(0)
+            if _find_extremes(photons, skipped // EIGHT, ends, fewest, largest):
+                _bound_chances(EIGHT * L, ZERO, EACH_BYTE, fewest, largest, least, most)
+                for i in range(L):
+                    least[L + i], most[L + i] = least[i], most[i]
+            else:
+                for eighth in range(skipped // EIGHT, ends):
+                    factor = W(W(1) << W((eighth & U(3)) * EIGHT))
+                    _bound_chances(eighth * L, eighth // QUARTER * L, factor, fewest, largest, least, most)
             known = (ALL >> (L - lanes)) & (ALL << skipped)
+            for half in range(HALF):
+                row, moment = half * L, (word - start_frame // L) * HALF * EIGHT + half * EIGHT
+                for i in range(L):
+                    one, maybe = W(0), ALL_HALF
+                    for k in range(EIGHT):
+                        plane = _drawn(words[i], words[L + i], moments[0, moment + k], moments[1, moment + k])
+                        planes[k * HALF * L + row + i] = plane
+                        one = _replaced(one, plane, least[row + i], W(k))
+                        maybe = _replaced(maybe, plane, most[row + i], W(k))
+                    ones[row + i], undecided[row + i] = one, W(maybe & W(~one))
             for i in range(L):
-                one, maybe = ZERO, ALL
-                for k in range(EIGHT):
-                    plane = _mixed(keys[i] + (word * EIGHT + k) * GOLDEN)
-                    planes[k * L + i] = plane
-                    one, maybe = _replaced(one, plane, least[i], k), _replaced(maybe, plane, most[i], k)
-                bits[i], undecided[i] = one & known, maybe & ~one & known
-            for i in range(width):
-                bits[i] |= _decide(keys[i], word, undecided[i], planes, photons, i)
+                bits[i] = (U(ones[i]) | (U(ones[L + i]) << U(32))) & known
+            _decide(word, undecided, known, keys, planes, photons, listed, bits)
             if waits is not None:
                 for i in range(width):
-                    bits[i] = _followed(bits[i], _pulses(keys[i], word, waits), fired[start + i], skipped, lanes)
+                    pulses = _pulses(keys[i], word, waits)
+                    if pulses != ZERO:
+                        bits[i] = _followed(bits[i], pulses, fired[start + i], skipped, lanes)
                     fired[start + i] = bits[i] >> (lanes - ONE)
             column = (word * L + skipped - start_frame) // EIGHT
             if skipped == ZERO and ends == EIGHT:
                 for i in range(width):
-                    for j in range(EIGHT):
-                        out[start + i, column + j] = np.uint8(bits[i] >> (j * EIGHT))
+                    store_word(out, start + i, column, bits[i])
             else:
                 for i in range(width):
                     for j in range(skipped // EIGHT, ends):
                         out[start + i, column + j - skipped // EIGHT] = np.uint8(bits[i] >> (j * EIGHT))
-
-
-@njit(inline="always")
-def _turned(word: Any, shift: Any, factor: Any) -> Any:
-    """Return a word shifted onto itself and multiplied, in 32 bits, to which numba must be held at every step."""
-    return W(W(W(word) ^ (W(word) >> shift)) * factor)
 
 
 @compiled_unchecked
