@@ -5,7 +5,7 @@ others nor on the order in which pixels are read. Poisson and normal numbers are
 errors are those of float64.
 """
 
-from math import erfc, exp, floor, lgamma, log, pi, sqrt
+from math import erf, erfc, exp, lgamma, log, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,11 @@ from saf_gen.core.compiled import compiled_unchecked
 U = np.uint64
 GOLDEN = U(0x9E3779B97F4A7C15)
 UNIT = 2.0**-53
-FEW = 10.0  # mean below which numbers are counted up; W. Hörmann's method begins here
+MOST_MEAN = 1e9  # far beyond every well
+FEW = 10.0  # mean below which numbers are counted up; the normal law is near enough from here on
 MOST_COUNTED = 128  # beyond it, a number of mean 10 has the probability 1e-88
 INVERSE = 1 / np.maximum(np.arange(MOST_COUNTED + 1.0), 1)
+LOG_FACTORIALS = np.array([lgamma(k + 1.0) for k in range(int(FEW))])
 TAIL = 3.6541528853610088  # where the tail of the normal law begins, with 256 layers of equal area
 LAYERS = 256
 
@@ -48,46 +50,6 @@ def _mixed(word: Any) -> Any:
 def _fraction(word: Any) -> Any:
     """Return a number from 0 to 1, without 1, from the upper 53 bits of a word."""
     return np.float64(np.int64(word >> U(11))) * UNIT
-
-
-@njit
-def _rejected(k: Any, mean: Any, height: Any, scale: Any) -> Any:
-    """Return whether W. Hörmann's hat is above the density of Poisson's law at k, for a drawn height."""
-    return log(height * scale) > k * log(mean) - mean - lgamma(k + 1.0)
-
-
-@njit(inline="always")
-def draw_poisson(mean: Any, state: Any) -> Any:
-    """Return a number of Poisson's law, as a float, and the state of the generator after it.
-
-    Few are counted up: the least number whose cumulative probability exceeds a random one. Many are drawn by
-    transformed rejection, whose usual case needs neither a logarithm nor a factorial: W. Hörmann, algorithm PTRS,
-    Insurance: Mathematics and Economics 12, 1993, doi:10.1016/0167-6687(93)90997-4.
-    """
-    if mean < FEW:
-        state += GOLDEN
-        drawn, k, probability = _fraction(_mixed(state)), 0, exp(-mean)
-        while drawn >= probability and k < MOST_COUNTED:
-            drawn -= probability
-            k += 1
-            probability *= mean * INVERSE[k]
-        return np.float64(k), state
-    b = 0.931 + 2.53 * sqrt(mean)
-    a = -0.059 + 0.02483 * b
-    accepted = 0.9277 - 3.6224 / (b - 2.0)
-    while True:
-        state += GOLDEN
-        u = _fraction(_mixed(state)) - 0.5
-        state += GOLDEN
-        v = 1.0 - _fraction(_mixed(state))
-        away = 0.5 - abs(u) + UNIT  # not 0
-        number = floor((2.0 * a / away + b) * u + mean + 0.43)
-        if away >= 0.07 and v <= accepted:
-            return number, state
-        if number < 0.0 or (away < 0.013 and v > away):
-            continue
-        if not _rejected(number, mean, v, (1.1239 + 1.1328 / (b - 3.4)) / (a / (away * away) + b)):
-            return number, state
 
 
 @njit
@@ -124,6 +86,76 @@ def draw_normal(state: Any) -> Any:
             return x, state
 
 
+@njit
+def _law(k: Any, mean: Any) -> Any:
+    """Return the probability of k by Poisson's law; the factorial is that of Stirling's series, to 1e-12, from 10 on."""
+    if k < FEW:
+        return exp(k * log(mean) - mean - LOG_FACTORIALS[int(k)]) if k >= 0.0 else 0.0
+    part = 1.0 / k
+    square = part * part
+    rest = part * (1 / 12 - square * (1 / 360 - square * (1 / 1260 - square * (1 / 1680))))
+    return exp(k * log(mean * part) + (k - mean) - rest) / sqrt(2 * pi * k)
+
+
+@njit
+def _rounded_normal(k: Any, mean: Any) -> Any:
+    """Return the probability that a normal number of this mean and variance, rounded down, is k."""
+    scale = sqrt(0.5 / mean)
+    near, far = abs(k - mean) * scale, abs(k + 1.0 - mean) * scale
+    if k <= mean <= k + 1.0:
+        return 0.5 * (erf(near) + erf(far))
+    return 0.5 * abs(erfc(near) - erfc(far))
+
+
+@njit
+def _corrected(normal: Any, share: Any, mean: Any, state: Any) -> Any:
+    """Return what takes the place of a rounded normal number that was not accepted at once, and the state after it.
+
+    It is still accepted with the ratio of both laws, and otherwise drawn where Poisson's law is the larger one, from
+    a double exponential law that is above the difference.
+    """
+    if _rounded_normal(normal, mean) * (1.0 - share) <= _law(normal, mean) and normal >= 0.0:
+        return normal, state
+    while True:
+        state += GOLDEN
+        far = -log(1.0 - _fraction(_mixed(state)))
+        state += GOLDEN
+        u = 2.0 * _fraction(_mixed(state)) - 1.0
+        t = 1.8 + (far if u >= 0.0 else -far)
+        if t > -0.6744:
+            k = np.floor(mean + sqrt(mean) * t)
+            if 0.1069 / mean * abs(u) <= (_law(k, mean) - _rounded_normal(k, mean)) * exp(far):
+                return k, state
+
+
+@njit(inline="always")
+def draw_poisson(mean: Any, state: Any) -> Any:
+    """Return a number of Poisson's law, as a float, and the state of the generator after it.
+
+    Few are counted up: the least number whose cumulative probability exceeds a random one. Many are a normal number,
+    rounded down, unless it is one of the few that Poisson's law has less often: J. H. Ahrens and U. Dieter, algorithm
+    PD, ACM Trans. Math. Softw. 8, 1982, doi:10.1145/355993.355997, here with both laws in full where they published
+    approximations. The share of a normal number to leave out is below (mean - k)³/(6 mean²), and is none from
+    k = mean - 1.1484 on, so that the laws themselves are seldom needed.
+    """
+    if mean < FEW:
+        state += GOLDEN
+        drawn, k, probability = _fraction(_mixed(state)), 0, exp(-mean)
+        while drawn >= probability and k < MOST_COUNTED:
+            drawn -= probability
+            k += 1
+            probability *= mean * INVERSE[k]
+        return np.float64(k), state
+    normal, state = draw_normal(state)
+    number = np.floor(mean + sqrt(mean) * normal)
+    state += GOLDEN
+    share = _fraction(_mixed(state))
+    less = mean - number
+    if less * less * less > share * (6.0 * mean * mean):
+        number, state = _corrected(number, share, mean, state)
+    return number, state
+
+
 @compiled_unchecked
 def read_out(
     charge: Any, response: Any, dark: Any, key: Any, shot: Any, full_well: Any, read_noise: Any, per_level: Any,
@@ -148,7 +180,7 @@ def read_out(
     """
     for pixel in range(U(charge.size)):
         state = _mixed(U(key) + pixel * GOLDEN)
-        electrons = min(charge[pixel] * response[pixel] + dark[pixel], 1e9)
+        electrons = min(charge[pixel] * response[pixel] + dark[pixel], MOST_MEAN)
         if shot:
             electrons, state = draw_poisson(electrons, state)
         electrons = min(electrons, full_well)
@@ -171,7 +203,7 @@ def add_planes(stack: Any, weights: Any, out: Any) -> Any:
     out : ndarray of float64, shape (H, W)
         Zeros; receives the sum.
     """
-    groups, knots, rows, columns = (U(size) for size in stack.shape)
+    groups, knots, rows, columns = U(stack.shape[0]), U(stack.shape[1]), U(stack.shape[2]), U(stack.shape[3])
     each = U(1) if weights.shape[0] > 1 else U(0)
     for row in range(rows):
         for g in range(groups):
