@@ -33,8 +33,13 @@ A0, A1, A2 = F(0.9999999403953552), F(-0.4999951720237732), F(0.1666096746921539
 A3, A4, A5 = F(-0.04141876474022865), F(0.00783736351877451), F(-0.0009125453652814031)
 GUARD = F(2.0**-19)  # far above what rounding does to p
 ALMOST_ONE = F(0.9999)
-LITTLE, FEW = F(2.0**-7), 16  # a change of the photons, and pixels: the bounds of eight frames then cost more than they spare
-LOWEST_BIT = U(0x03F79D71B4CB0A89)  # a de Bruijn sequence: its upper six bits tell by which power of two it was multiplied
+LITTLE, FEW = (
+    F(2.0**-7),
+    16,
+)  # a change of the photons, and pixels: the bounds of eight frames then cost more than they spare
+LOWEST_BIT = U(
+    0x03F79D71B4CB0A89
+)  # a de Bruijn sequence: its upper six bits tell by which power of two it was multiplied
 PLACES = np.zeros(64, np.uint64)
 for _place in range(64):
     PLACES[(int(LOWEST_BIT) << _place & 0xFFFFFFFFFFFFFFFF) >> 58] = _place
@@ -267,7 +272,9 @@ def expose_clocked(
                     for i in range(L):
                         photons[row + i] += a * low[light + i] + b * high[light + i]
             ends = (lanes + U(7)) // EIGHT
-            for lane in range(lanes, ends * EIGHT):  # the last frames of a recording, so that they have the bounds of eight
+            for lane in range(
+                lanes, ends * EIGHT
+            ):  # the last frames of a recording, so that they have the bounds of eight
                 for i in range(L):
                     photons[lane * L + i] = photons[(lanes - ONE) * L + i]
             for i in range(HALF * L):
