@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refusal
-
 from scipy import stats
 
 from saf_gen.camera.frames import FrameCamera, FrameSensor, frame_sensor_names, get_frame_sensor

@@ -88,7 +88,7 @@ def draw_normal(state: Any) -> Any:
 
 @njit
 def _law(k: Any, mean: Any) -> Any:
-    """Return the probability of k by Poisson's law; the factorial is that of Stirling's series, to 1e-12, from 10 on."""
+    """Return the probability of k by Poisson's law. From 10 on, the factorial is Stirling's series, good to 1e-12."""
     if k < FEW:
         return exp(k * log(mean) - mean - LOG_FACTORIALS[int(k)]) if k >= 0.0 else 0.0
     part = 1.0 / k

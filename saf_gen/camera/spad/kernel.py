@@ -1,12 +1,12 @@
 """Compiled inner loops of a single-photon array.
 
 A pixel that is never blind detects a number of photons with a Poisson law, so that a frame in which it expects H holds
-one or more with the probability p = 1 - exp(-H). With a clocked recharge that is the law of its bit: it is 1 if a random
-number U of 32 bits is below p. 64 frames of a pixel are drawn together. The upper eight bits of their 64 numbers are
-eight random words, one for each bit, which a few logical operations compare with the least and the largest p of each
-eight frames. That decides all but a few frames in a thousand, and these compare all 32 bits with their own p. A word
-belongs to 64 frames that are counted from the beginning of the recording, and a bound to eight of them, so the bits do
-not depend on how a recording is cut into calls.
+one or more with the probability p = 1 - exp(-H). With a clocked recharge that is the law of its bit: it is 1 if a
+random number of 32 bits is below p. 64 frames of a pixel are drawn together. The upper eight bits of their numbers are
+pairs of random words of 32 bits, a pair for each, which a few logical operations compare with the least and the largest
+p of these frames, or of each eight of them where light changes fast. That decides all but a few frames in a thousand,
+and these compare all 32 bits with their own p. Words belong to 64 frames that are counted from the beginning of the
+recording, and no bound changes a bit, so the bits do not depend on how a recording is cut into calls.
 
 Arithmetic is in IEEE float32 and float64 in a fixed order (no fastmath), so the bits are the same on every machine; the
 loops over the 64 pixels of a block have no branch. Terms that are switched off are passed as None, and cost nothing.
