@@ -103,8 +103,21 @@ def _read(
 
 
 @njit(inline="always")
+def store_word(out: Any, p: Any, column: Any, word: Any) -> Any:
+    """Store eight consecutive bytes of a pixel, the lowest first, in a form that the compiler merges into one store."""
+    out[p, column] = np.uint8(word)
+    out[p, column + ONE] = np.uint8(word >> U(8))
+    out[p, column + U(2)] = np.uint8(word >> U(16))
+    out[p, column + U(3)] = np.uint8(word >> U(24))
+    out[p, column + U(4)] = np.uint8(word >> U(32))
+    out[p, column + U(5)] = np.uint8(word >> U(40))
+    out[p, column + U(6)] = np.uint8(word >> U(48))
+    out[p, column + U(7)] = np.uint8(word >> U(56))
+
+
+@njit(inline="always")
 def store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> Any:
-    """Store eight consecutive bytes of each pixel in a form that the compiler merges into one store."""
+    """Store eight consecutive bytes of each pixel."""
     for i in range(width):
         word = U(tile[i])
         word |= U(tile[L + i]) << U(8)
@@ -114,15 +127,7 @@ def store_eight(out: Any, start: Any, width: Any, column: Any, tile: Any) -> Any
         word |= U(tile[L5 + i]) << U(40)
         word |= U(tile[L6 + i]) << U(48)
         word |= U(tile[L7 + i]) << U(56)
-        p = start + i
-        out[p, column] = np.uint8(word)
-        out[p, column + ONE] = np.uint8(word >> U(8))
-        out[p, column + U(2)] = np.uint8(word >> U(16))
-        out[p, column + U(3)] = np.uint8(word >> U(24))
-        out[p, column + U(4)] = np.uint8(word >> U(32))
-        out[p, column + U(5)] = np.uint8(word >> U(40))
-        out[p, column + U(6)] = np.uint8(word >> U(48))
-        out[p, column + U(7)] = np.uint8(word >> U(56))
+        store_word(out, start + i, column, word)
 
 
 @compiled

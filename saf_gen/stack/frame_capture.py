@@ -18,6 +18,7 @@ import yaml
 
 from saf_gen.camera import Sensor, knot_weights
 from saf_gen.camera.frames import FrameCamera, FrameSensor
+from saf_gen.camera.frames.kernel import add_planes
 from saf_gen.camera.frames.sensor import exposure_for
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY
 from saf_gen.errors import BadInput
@@ -28,7 +29,7 @@ from saf_gen.stack.time_resolved import FrameRun
 from saf_gen.stream.frame_file import FINGERPRINT, FrameFile, write_frames
 from saf_gen.stream.stream_file import SpikeStream
 
-MODEL = 1
+MODEL = 2
 """Number of the law by which frames are made; it is part of their fingerprint."""
 STEP_S, LEAST_STEPS = 5e-5, 8
 LIGHT_S = "light_s"
@@ -177,4 +178,6 @@ def expose_light(
     np.add.at(weights.transpose(0, 2, 1), (row, index - first), flat * (1 - fraction[:, None]))
     np.add.at(weights.transpose(0, 2, 1), (row, index - first + 1), flat * fraction[:, None])
     stack = source.stack(FrameRun(0, 1, j), range(first, stop))
-    return source.scale * np.einsum("hgk,gkhc->hc" if len(begin_s) > 1 else "xgk,gkhc->hc", weights[..., :-1], stack)
+    charge = np.zeros(stack.shape[2:])
+    add_planes(stack, source.scale * weights[..., :-1], charge)
+    return charge

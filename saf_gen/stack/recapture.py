@@ -31,7 +31,7 @@ from saf_gen.stream.recordings import Recording
 from saf_gen.stream.stream_file import SpikeStream
 from saf_gen.stream.stream_writer import StreamWriter
 
-MODEL = 1
+MODEL = 2
 """Number of the law by which photons are detected; it is part of the fingerprint."""
 BLOCK_FRAMES = 2000  # frames in memory at a time, as for spikes
 

@@ -13,6 +13,7 @@ BENCHES = {
     "stack": "the focal stack against Mitsuba's thin lens: time, and error at equal samples",
     "grain": "noise that the renderer leaves in each scene's pictures, at rest and moving; time of a slice",
     "encode": "charge to spikes: rate, growth with the length, comparison with public encoders",
+    "cameras": "spikes, photons and frames of one sweep: processor seconds per second of the sensor",
     "events": "light to events: seconds per second of the sensor, beside the algorithm of v2e",
     "stream": "the stream file: write, size, three read patterns, file to scores",
     "windows": "random windows for training, read by two processes",

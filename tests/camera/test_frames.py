@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refusal
+from scipy import stats
 
 from saf_gen.camera.frames import FrameCamera, FrameSensor, frame_sensor_names, get_frame_sensor
 from saf_gen.camera.frames.sensor import exposure_for
@@ -32,6 +33,46 @@ def test_photon_transfer_is_that_of_shot_read_and_quantisation_noise(charge):
     assert abs(seen.mean() - wanted / k) < LIMIT * np.sqrt(wanted + 900) / k / np.sqrt(seen.size)
     variance = (wanted + 30.0**2) / k**2 + 1 / 12
     assert abs(seen.var() / variance - 1) < LIMIT * np.sqrt(2 / seen.size) + 2e-3
+
+
+ELECTRONS = {"full_well_e": 65_535.0, "bits": 16}  # a number for each electron
+SIGNIFICANCE = 1e-4  # of each χ² test; 480,000 numbers, whose seeds are stated
+
+
+@pytest.mark.parametrize("mean", [0.1, 5.0, 9.9, 10.0, 12.5, 100.0, 5000.0, 30_000.0])
+def test_electrons_obey_poissons_law(mean):
+    """χ² of at most 200 classes, none of which is expected less than five times."""
+    seen = frames(sensor_of(noise={"shot": True}, **ELECTRONS), mean, count=100, seed=11).ravel()
+    law = stats.poisson(mean)
+    edges = np.unique(law.ppf(np.linspace(0, 1, 201)[1:-1]) if mean > 40 else np.arange(0.0, law.isf(2e-5)))
+    edges = edges[(law.cdf(edges) * seen.size > 5) & (law.sf(edges) * seen.size > 5)]
+    expected = np.diff(np.r_[0, law.cdf(edges), 1]) * seen.size
+    found = np.bincount(np.searchsorted(edges, seen), minlength=len(expected))
+    assert expected.min() > 5
+    assert stats.chisquare(found, expected).pvalue > SIGNIFICANCE
+    assert abs(seen.mean() - mean) < LIMIT * np.sqrt(mean / seen.size)
+
+
+def test_readings_are_off_by_the_normal_law():
+    """χ² of 300 classes of equal probability, and the tails beyond three and four standard deviations."""
+    sensor = sensor_of(noise={"read": True}, read_noise_e=2000.0, **ELECTRONS)
+    off = (frames(sensor, 30_000.0, count=100, seed=13).ravel() - 30_000) / 2000
+    inner = np.rint(stats.norm.ppf(np.linspace(0, 1, 301)[1:-1]) * 2000) / 2000 + 0.25 / 1000  # between two numbers
+    expected = np.diff(np.r_[0, stats.norm.cdf(inner), 1]) * off.size
+    found = np.bincount(np.searchsorted(inner, off), minlength=len(expected))
+    assert stats.chisquare(found, expected).pvalue > SIGNIFICANCE
+    for limit in (3.0, 3.7, 4.0):
+        for tail in (off > limit, off < -limit):
+            rare = stats.norm.sf(limit) * off.size
+            assert abs(tail.sum() - rare) < LIMIT * np.sqrt(rare) + 1
+
+
+def test_few_electrons_and_many_join():
+    """Means on both sides of the one at which the method changes have the same law, to the noise of a million."""
+    sensor = sensor_of(noise={"shot": True}, **ELECTRONS)
+    below, above = (frames(sensor, mean, count=200, seed=17).ravel() for mean in (np.nextafter(10.0, 0), 10.0))
+    table = [np.bincount(seen.astype(int), minlength=40)[2:22] for seen in (below, above)]
+    assert stats.chi2_contingency(table).pvalue > SIGNIFICANCE
 
 
 def test_pixels_and_frames_are_independent():

@@ -48,6 +48,7 @@ def assert_promised(figures):
     "name",
     [
         "encode",
+        "cameras",
         "events",
         "stream",
         "score",

@@ -3,8 +3,9 @@
 import numpy as np
 
 from saf_gen.camera.fixed_pattern import draw_relative_dark
+from saf_gen.camera.frames.kernel import read_out
 from saf_gen.camera.frames.sensor import FrameSensor
-from saf_gen.core.seeds import make_generator
+from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.errors import BadInput
 
 _GRID = 2.0**-16  # of the mean, to which maps are rounded, so that machines whose logarithms differ agree
@@ -72,11 +73,11 @@ class FrameCamera:
             raise BadInput(f"the charge has the shape {charge.shape}", allowed=f"{self.shape}")
         if not (charge.min() >= 0 and charge.max() < np.inf):  # also false for NaN
             raise BadInput("the charge is negative or not finite", allowed="electrons per exposure, at least 0")
-        random = make_generator("frames", self._seed, f"frame {frame}")
-        electrons = charge * self._response + self._dark
-        if sensor.noise.shot:
-            electrons = random.poisson(np.minimum(electrons, 1e9)).astype(np.float64)
-        electrons = np.minimum(electrons, sensor.full_well_e)
-        if sensor.noise.read:
-            electrons += random.standard_normal(self.shape) * sensor.read_noise_e
-        return np.clip(np.rint(electrons / sensor.electrons_per_level), 0, sensor.levels).astype(np.uint16)
+        out = np.empty(self.shape, np.uint16)
+        read_out(
+            charge.ravel(), self._response.ravel(), self._dark.ravel(),
+            derive_seed("frames", self._seed, f"frame {frame}"), sensor.noise.shot, float(sensor.full_well_e),
+            float(sensor.noise.read * sensor.read_noise_e), sensor.electrons_per_level, float(sensor.levels),
+            out.reshape(-1)
+        )  # fmt: skip
+        return out

@@ -17,6 +17,7 @@ from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.errors import BadInput
 
 _GRID = 2.0**-16  # of the mean, to which maps are rounded, so that machines whose logarithms differ agree
+WORDS = 16  # random words of 32 bits for 64 frames of a pixel
 
 
 class SpadCamera:
@@ -75,7 +76,9 @@ class SpadCamera:
             self._response, self._dark = self._response[kept].copy(), self._dark[kept].copy()
             self._words, size = self._words[:, kept].copy(), kept.stop - kept.start
         self._seed, self._threads = seed, threads or usable_cores()
-        self._fired, self._blind = np.zeros(size, np.float32), np.zeros((2, size))
+        self._fired, self._blind = np.zeros(size, np.uint64), np.zeros((2, size))
+        q = sensor.afterpulse_on
+        self._waits = 1 - np.cumprod(np.r_[1.0, np.full(LANES, 1 - q)]) if q else None
 
     def encode(self, stack: np.ndarray, *, index: np.ndarray, fraction: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """Record the next n frames and return their bits, packed as spikes are.
@@ -104,23 +107,25 @@ class SpadCamera:
         frames, size, sensor = index.size, self._response.size, self.sensor
         flat = np.ascontiguousarray(stack).reshape(*stack.shape[:2], size)
         low, high = (weight * np.float32(sensor.gate) for weight in (low, high))
-        words = _random_words("frames", range(self.frames, self.frames + frames), seed=self._seed)
         out = np.zeros((size, -(-frames // 8)), np.uint8)
         blocks = -(-size // LANES)
         cuts = np.linspace(0, blocks, min(self._threads, blocks) + 1).astype(int).tolist()
-        common = (flat, index, low, high, self._words, words, self._response, self._dark)
+        light, device = (flat, index, low, high), (self._response, self._dark)
         with ThreadPoolExecutor(self._threads) as pool:  # the kernels release the interpreter's lock
             if sensor.recharge == "clocked":
-                afterpulse = np.float32(sensor.afterpulse_on) or None
+                numbers = range(self.frames // LANES * WORDS, -(-(self.frames + frames) // LANES) * WORDS)
+                words = _random_words("frames", numbers, seed=self._seed)
+                state = self._waits, self._fired, out
                 jobs = [
-                    pool.submit(expose_clocked, first, stop, *common, afterpulse, self._fired, out)
+                    pool.submit(expose_clocked, first, stop, self.frames, *light, self._words, words, *device, *state)
                     for first, stop in pairwise(cuts)
                 ]
             else:
+                words = _random_words("frames", range(self.frames, self.frames + frames), seed=self._seed)
                 of_device = float(sensor.afterpulse_on), self._blind, out
                 of_time = exponential_waits(), float(sensor.gate), float(sensor.dead_frames)
                 jobs = [
-                    pool.submit(expose_passive, first, stop, *common, *of_device, *of_time)
+                    pool.submit(expose_passive, first, stop, *light, self._words, words, *device, *of_device, *of_time)
                     for first, stop in pairwise(cuts)
                 ]
             for job in jobs:
