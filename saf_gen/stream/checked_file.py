@@ -23,6 +23,8 @@ GROUPS = ("focus", "light", "pixels", "time", "truth", "provenance")
 NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DATASETS.values())])
 """The datasets that a stream may have, in addition to any text in ``/provenance``."""
 
+SHARP = "truth/sharp"
+"""The dataset of a stream, beside ``/spikes``, that is too large to be read when the stream is opened."""
 MAX_SMALL_BYTES = 1 << 29
 MAX_DEFLATED_BYTES = 1 << 20
 """Largest stored size, in bytes, of a compressed small dataset, which may expand a thousandfold."""
@@ -90,7 +92,7 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
 
 
 def read_small_datasets(
-    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes",)
+    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes", SHARP)
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except those that ``bulk`` names; text is str.
 
@@ -98,7 +100,7 @@ def read_small_datasets(
     anything that a stream does not contain.
     """
     checked_heaps = {0}
-    _check_names(file, "", where=where, known=[*GROUPS, *bulk])
+    _check_names(file, "", where=where, known=[*GROUPS, *(name for name in bulk if "/" not in name)])
     with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
         for group in GROUPS:
             if group not in file:
@@ -107,9 +109,12 @@ def read_small_datasets(
             held = file[group]
             if not isinstance(held, h5py.Group):
                 raise BadInput(f"/{group} is not a group", where=where, allowed="a saf-gen stream")
-            known = [name.split("/")[2] for name in NAMES if name.startswith(f"/{group}/")]
+            names = [*NAMES, *(f"/{name}" for name in bulk)]
+            known = [name.split("/")[2] for name in names if name.startswith(f"/{group}/")]
             _check_names(held, group, where=where, known=known if group != "provenance" else None)
             for name in held:
+                if f"{group}/{name}" in bulk:
+                    continue
                 item = open_dataset(file, f"{group}/{name}", where=where)
                 is_text = h5py.check_string_dtype(item.dtype) is not None
                 if is_text != (group == "provenance" or name == "names"):
