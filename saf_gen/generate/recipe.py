@@ -264,8 +264,8 @@ class RenderSettings(FrozenModel):
 class TruthSettings(FrozenModel):
     """What streams hold of the truth beside the true focus, the depth and the target."""
 
-    sharp: bool = False
-    """Whether they hold the all-in-focus charge of every pixel (``/truth/sharp``), for which a second stack is rendered
+    sharp: bool = Field(default=False, strict=True)
+    """Whether streams hold the all-in-focus charge of every pixel (``/truth/sharp``), for which a second stack is drawn
     of every scene, with the aperture of a point; for perfect thin lenses and light of one wavelength."""
 
 

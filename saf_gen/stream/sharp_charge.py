@@ -13,7 +13,6 @@ where w is the fraction of the time from slice j to slice j + 1 at the middle of
 import hashlib
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -92,22 +91,31 @@ class StoredPictures:
         """
         _, lights, height, width = self.shape
         rows, columns = (slice(0, height), slice(0, width)) if region is None else region
-        size = (rows.stop - rows.start) * width * _FLOAT.itemsize
         out = np.empty((len(slices), lights, rows.stop - rows.start, width), _FLOAT)
         try:
             with self.path.open("rb") as file:
                 if self.version and _version(os.fstat(file.fileno())) != self.version:
                     raise BadInput("has changed since it was opened", where=str(self.path), hint="open it again")
                 for n, j in enumerate(slices):
+                    begin = self.offset + j * lights * height * width * _FLOAT.itemsize
+                    if out.shape[2] == height:  # the lights of a slice follow each other
+                        self._fill(out[n], file, begin)
+                        continue
                     for g in range(lights):
-                        file.seek(self.offset + ((j * lights + g) * height + rows.start) * width * _FLOAT.itemsize)
-                        data = file.read(size)
-                        if len(data) < size:
-                            raise BadInput(f"ends within /{SHARP}", where=str(self.path), hint="copy it again")
-                        out[n, g] = np.frombuffer(data, _FLOAT).reshape(out.shape[2:])
+                        self._fill(out[n, g], file, begin + (g * height + rows.start) * width * _FLOAT.itemsize)
         except OSError as error:
             raise BadInput(f"cannot be read: {error.strerror or error}", where=str(self.path)) from error
         return out[..., columns]
+
+    def _fill(self, out: np.ndarray, file: Any, begin: int) -> None:
+        """Read an array, which is contiguous in memory, from this place in the open file."""
+        left = memoryview(out).cast("B")
+        file.seek(begin)
+        while left:
+            count = file.readinto(left)
+            if not count:
+                raise BadInput(f"ends within /{SHARP}", where=str(self.path), hint="copy it again")
+            left = left[count:]
 
 
 def _version(status: os.stat_result) -> tuple[int, ...]:
@@ -258,33 +266,27 @@ class SharpCharge:
 
     def total(self, first: int, stop: int) -> np.ndarray:
         """Return the charge of readouts ``first <= t < stop`` together, in electrons, float32 (h, w)."""
-        weights = slice_weights(self.frames, first, stop)
-        of_lights = {j: weight @ self.gain[first:stop] for j, weight in weights.items()}
-        low, high = min(of_lights), max(of_lights)
-        pictures = self.pictures.read(range(low, high + 1), region=self.region)
-        total = np.zeros(pictures.shape[2:], np.float32)
-        for j, factors in of_lights.items():
-            for picture, factor in zip(pictures[j - low], factors, strict=True):
-                total += np.float32(factor) * picture
-        return total
+        low, weights = slice_weights(self.frames, first, stop)
+        pictures = self.pictures.read(range(low, low + len(weights)), region=self.region)
+        factors = (weights @ self.gain[first:stop]).astype(np.float32)
+        # A matrix product would use many threads for little, and sum a pixel in an order that depends on the region.
+        return np.asarray(np.einsum("sg,sgyx->yx", factors, pictures))
 
 
-def slice_weights(frames: np.ndarray, first: int, stop: int) -> Mapping[int, np.ndarray]:
-    """Return the weight of each slice in the readouts ``first <= t < stop``, float64 (stop - first,), by its number.
+def slice_weights(frames: np.ndarray, first: int, stop: int) -> tuple[int, np.ndarray]:
+    """Return the number of the first slice that readouts ``first <= t < stop`` need, and the weights from it on.
 
-    Slices without any weight are left out.
+    The weights are float64 (slice, stop - first), and those of a readout add up to 1.
     """
     middle = np.arange(first, stop) + 0.5
     if len(frames) == 1:
-        return {0: np.ones(len(middle))}
+        return 0, np.ones((1, len(middle)))
     before = np.clip(np.searchsorted(frames, middle, side="right") - 1, 0, len(frames) - 2)
     later = np.clip((middle - frames[before]) / (frames[before + 1] - frames[before]), 0, 1)
-    found = {}
-    for j in range(int(before[0]), int(before[-1]) + 2):
-        weight = np.where(before == j, 1 - later, 0) + np.where(before == j - 1, later, 0)
-        if weight.any():
-            found[j] = weight
-    return found
+    slices = np.arange(before[0], before[-1] + 2)[:, None]
+    weights = np.where(before == slices, 1 - later, 0) + np.where(before == slices - 1, later, 0)
+    used = np.flatnonzero(weights.any(axis=1))
+    return int(slices[used[0], 0]), weights[used[0] : used[-1] + 1]
 
 
 def sharp_at(stream: ReadableStream, frame: int) -> np.ndarray:
@@ -308,8 +310,8 @@ def cut_pictures(metadata: Metadata, window: range, *, region: Region) -> dict[s
     truth = metadata.truth
     if truth.sharp is None or truth.sharp_frame is None:
         return {"sharp": None, "sharp_frame": None}
-    used = slice_weights(truth.sharp_frame, window.start, window.stop)
-    first, stop = min(used), max(used) + 1
+    first, weights = slice_weights(truth.sharp_frame, window.start, window.stop)
+    stop = first + len(weights)
     frames = truth.sharp_frame[first:stop] - (window.start if len(truth.sharp_frame) > 1 else 0)
     return {"sharp": PartOfPictures(truth.sharp, first, stop, region), "sharp_frame": frames}
 
