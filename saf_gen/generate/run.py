@@ -173,7 +173,7 @@ def run_plan(
         if isinstance(plan.resolved.recipe, StackRecipe):
             return PICTURES, True
         name, renders_waves = choose_renderer(variant, cluster=machines, notify=tell)
-        by_waves = all(spec.estimator == WAVES for stack in plan.by_stack for spec in stack.specs)
+        by_waves = all(spec.estimator == WAVES for stack in plan.users for spec in stack.specs)
         return name, renders_waves or by_waves
 
     backend_name, renders_waves = choose_backend() if plan.to_render else (variant, True)

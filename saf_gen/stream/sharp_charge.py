@@ -109,7 +109,7 @@ class StoredPictures:
 
     def _fill(self, out: np.ndarray, file: Any, begin: int) -> None:
         """Read an array, which is contiguous in memory, from this place in the open file."""
-        left = memoryview(out).cast("B")
+        left = out.data.cast("B")
         file.seek(begin)
         while left:
             count = file.readinto(left)

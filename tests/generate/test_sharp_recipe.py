@@ -17,9 +17,11 @@ from saf_gen.generate.plan import make_plan, split_into_batches, stacks_of
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.record import Recorder
 from saf_gen.generate.resolve import recipe_digest, recipe_fingerprint, resolve_recipe
+from saf_gen.generate.run import generate
 from saf_gen.generate.shards import share_out
 from saf_gen.stack.all_in_focus import F_NUMBER, sharp_stack
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
+from saf_gen.stream.dataset import verify_dataset
 
 RECIPE = """\
 name: many
@@ -299,3 +301,21 @@ def test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_
         expected = radiance * np.pi * POINT.aperture_radius_m**2 / v**2 * _electrons() * scale
         assert middle[j] == pytest.approx(expected, rel=2e-3)
     assert between == pytest.approx(0.5125 * middle[1].sum() + 0.4875 * middle[2].sum(), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_shards_that_share_out_a_scene_at_rest_and_its_picture_make_one_dataset(small_recipe, test_scenes, tmp_path):
+    """One renders the stack, another that of the point, without waves; who sees both records, and nobody fails."""
+    path, folder = tmp_path / "asked.yaml", tmp_path / "ds"
+    path.write_text(small_recipe.read_text() + ASKED)
+    rendered, recorded = [], []
+    for index in (1, 2):
+        outcome = generate(resolve_recipe(path, part=(index, 2)), folder, variant="scalar")
+        assert outcome.failed == {}
+        rendered.append({name.partition(" · ")[0] for name in outcome.rendered})
+        recorded.append(len(outcome.recorded))
+    assert sorted(map(sorted, rendered)) == [["plane"], ["plane, all in focus"]]
+    assert recorded == [0, 3]
+    closing = generate(resolve_recipe(path), folder, variant="scalar")
+    assert (closing.failed, closing.rendered, closing.recorded, len(closing.kept)) == ({}, [], [], 3)
+    assert verify_dataset(folder) == (3, {})
