@@ -99,15 +99,16 @@ class StoredPictures:
                 for n, j in enumerate(slices):
                     begin = self.offset + j * lights * height * width * _FLOAT.itemsize
                     if out.shape[2] == height:  # the lights of a slice follow each other
-                        self._fill(out[n], file, begin)
+                        self._fill(out[n], file, begin=begin)
                         continue
                     for g in range(lights):
-                        self._fill(out[n, g], file, begin + (g * height + rows.start) * width * _FLOAT.itemsize)
+                        into = (g * height + rows.start) * width * _FLOAT.itemsize
+                        self._fill(out[n, g], file, begin=begin + into)
         except OSError as error:
             raise BadInput(f"cannot be read: {error.strerror or error}", where=str(self.path)) from error
         return out[..., columns]
 
-    def _fill(self, out: np.ndarray, file: Any, begin: int) -> None:
+    def _fill(self, out: np.ndarray, file: Any, *, begin: int) -> None:
         """Read an array, which is contiguous in memory, from this place in the open file."""
         left = out.data.cast("B")
         file.seek(begin)
@@ -266,19 +267,19 @@ class SharpCharge:
 
     def total(self, first: int, stop: int) -> np.ndarray:
         """Return the charge of readouts ``first <= t < stop`` together, in electrons, float32 (h, w)."""
-        low, weights = slice_weights(self.frames, first, stop)
+        low, weights = slice_weights(self.frames, range(first, stop))
         pictures = self.pictures.read(range(low, low + len(weights)), region=self.region)
         factors = (weights @ self.gain[first:stop]).astype(np.float32)
         # A matrix product would use many threads for little, and sum a pixel in an order that depends on the region.
         return np.asarray(np.einsum("sg,sgyx->yx", factors, pictures))
 
 
-def slice_weights(frames: np.ndarray, first: int, stop: int) -> tuple[int, np.ndarray]:
-    """Return the number of the first slice that readouts ``first <= t < stop`` need, and the weights from it on.
+def slice_weights(frames: np.ndarray, window: range) -> tuple[int, np.ndarray]:
+    """Return the number of the first slice that the readouts of a window need, and the weights from it on.
 
-    The weights are float64 (slice, stop - first), and those of a readout add up to 1.
+    The weights are float64 (slice, readout), and those of a readout add up to 1.
     """
-    middle = np.arange(first, stop) + 0.5
+    middle = np.arange(window.start, window.stop) + 0.5
     if len(frames) == 1:
         return 0, np.ones((1, len(middle)))
     before = np.clip(np.searchsorted(frames, middle, side="right") - 1, 0, len(frames) - 2)
@@ -310,7 +311,7 @@ def cut_pictures(metadata: Metadata, window: range, *, region: Region) -> dict[s
     truth = metadata.truth
     if truth.sharp is None or truth.sharp_frame is None:
         return {"sharp": None, "sharp_frame": None}
-    first, weights = slice_weights(truth.sharp_frame, window.start, window.stop)
+    first, weights = slice_weights(truth.sharp_frame, window)
     stop = first + len(weights)
     frames = truth.sharp_frame[first:stop] - (window.start if len(truth.sharp_frame) > 1 else 0)
     return {"sharp": PartOfPictures(truth.sharp, first, stop, region), "sharp_frame": frames}
