@@ -126,7 +126,15 @@ def bytes_of_stacks(specs: Iterable[StackSpec]) -> int:
 
 def bytes_of_streams(sequences: Iterable[ResolvedSequence]) -> int:
     """Return the approximate disk space of the streams of these sequences, in bytes."""
-    return int(sum(s.pixel_frames for s in sequences) * STREAM_BITS_PER_PIXEL_FRAME / 8)
+    made = list(sequences)
+    spikes = sum(s.pixel_frames for s in made) * STREAM_BITS_PER_PIXEL_FRAME / 8
+    return int(spikes) + sum(map(_sharp_bytes, made))
+
+
+def _sharp_bytes(sequence: ResolvedSequence) -> int:
+    """Return the bytes of the all-in-focus pictures in a stream."""
+    of_point = sequence.sharp_stack.specs if sequence.sharp_stack is not None else ()
+    return sum(4 * len(spec.groups) * spec.rows * spec.columns for spec in of_point)
 
 
 def _stored_bytes(spec: StackSpec) -> int:
@@ -191,7 +199,7 @@ class Plan:
     def users(self) -> dict[TimeResolvedStack, ResolvedSequence]:
         """The first sequence that needs each stack, for its recording or for the closed loop."""
         makes = self.sequences if self.share is None else self.resolved.sequences
-        pairs = [(stack, s) for s in makes for stack in (s.time_stack, s.closed_loop_slices) if stack]
+        pairs = [(stack, s) for s in makes for stack in s.stacks]
         return dict(reversed(pairs))
 
     @property
@@ -203,6 +211,8 @@ class Plan:
         if self.share is None or stack not in self.share.cut:
             return ""
         mine = sum(spec in self.share.specs for spec in stack.specs)
+        if mine == len(stack.specs):
+            return ""
         return f", {mine} of {len(stack.specs)} {'slices' if stack.is_moving else 'wavelengths'}"
 
     @property
@@ -233,15 +243,16 @@ class Plan:
         return bytes_of_stacks(missing) + bytes_of_streams(s for s in self.sequences if s.planned.id in self.unrecorded)
 
     def kept_bytes(self, keep_slices: str) -> int:
-        """Return the approximate size of the time slices that ``keep_slices`` keeps in the end, in bytes."""
+        """Return the approximate size of the slices and all-in-focus stacks that ``keep_slices`` keeps, in bytes."""
         stacks = {s.time_stack for s in self.sequences if keep_slices == "all" and s.time_stack.is_moving}
+        stacks |= {s.sharp_stack for s in self.sequences if keep_slices == "all" and s.sharp_stack is not None}
         if keep_slices != "none":
             stacks |= {s.closed_loop_slices for s in self.sequences if s.closed_loop_slices}
         return bytes_of_stacks({spec for stack in stacks for spec in stack.specs})
 
     @cached_property
     def deletable(self) -> dict[frozenset[str], list[StackSpec]]:
-        """The slices that are not kept, by the ids of all sequences of the recipe that are recorded from them.
+        """The slices and all-in-focus stacks that are not kept, by the ids of all sequences that are made from them.
 
         There are none in a shard.
         """
@@ -249,7 +260,9 @@ class Plan:
             return {}
         users: defaultdict[StackSpec, set[str]] = defaultdict(set)
         for sequence in self.resolved.all_sequences:
-            for spec in sequence.time_stack.specs if sequence.time_stack.is_moving else ():
+            moving = sequence.time_stack.specs if sequence.time_stack.is_moving else ()
+            of_point = sequence.sharp_stack.specs if sequence.sharp_stack is not None else ()
+            for spec in (*moving, *of_point):
                 users[spec].add(sequence.planned.id)
         slices = [s.closed_loop_slices for s in self.resolved.all_sequences if s.closed_loop_slices]
         of_loop = dict.fromkeys(spec for stack in slices for spec in stack.specs)
@@ -273,7 +286,8 @@ class Plan:
             render_s = fsum(render_seconds(spec) for spec in missing)
             if render_s:
                 starts = [next((spec for spec in band if spec in missing), None) for band in stack.bands]
-                render_s += fsum(start_seconds(spec) for spec in starts if spec) + grain_seconds(stack)
+                render_s += fsum(start_seconds(spec) for spec in starts if spec)
+                render_s += 0.0 if stack == self.users[stack].sharp_stack else grain_seconds(stack)
             works.append((render_s, recordings))
         record_s = self.resolved.pixel_frames / rates.recorded_per_s(workers)
         return WorkEstimate(
@@ -286,8 +300,8 @@ class Plan:
 def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "all") -> Plan:
     """Return what a dataset lacks, without making or writing anything.
 
-    Time slices that were deleted after all their recordings had been made are not rendered again, unless the closed
-    loop needs them and ``keep_slices`` is not "none".
+    Time slices and all-in-focus stacks that were deleted after all their recordings had been made are not rendered
+    again, unless the closed loop needs them and ``keep_slices`` is not "none".
 
     Raises BadInput if ``keep_slices`` is not one of KEEP_SLICES, or if the target cannot be read or holds another
     dataset.
@@ -356,14 +370,18 @@ def _stacks_to_render(
     found = {
         stack: specs
         for stack, users in by_stack.items()
-        if (specs := missing(stack)) and not _is_recorded(stack, users, folder=folder)
+        if (specs := missing(stack)) and not (stack.is_moving and _is_recorded(stack, users, folder=folder))
     }
+    for stack, users in by_stack.items():
+        of_point = dict.fromkeys(s.sharp_stack for s in users if s.sharp_stack is not None)
+        if of_point and not _is_recorded(stack, users, folder=folder):
+            found |= {one: specs for one in of_point if (specs := missing(one))}
     return found | {stack: specs for stack in for_loop if stack not in found and (specs := missing(stack))}
 
 
 def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-    """Return whether all time slices have notes and all recordings are made; spikes are not read."""
-    if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
+    """Return whether all stacks have notes and all recordings are made; spikes are not read."""
+    if not stack.has_all_notes(folder / "stacks"):
         return False
     digest = stack.digest(folder / "stacks")
     return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
@@ -407,12 +425,8 @@ def _count_bytes(sequences: list[ResolvedSequence]) -> int:
 
 
 def stacks_of(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
-    """Return all stacks of these sequences, including those of the closed loop, each once."""
-    found: dict[StackSpec, None] = {}
-    for sequence in sequences:
-        for stack in (sequence.time_stack, sequence.closed_loop_slices):
-            found |= dict.fromkeys(stack.specs if stack else ())
-    return list(found)
+    """Return all stacks of these sequences, including all-in-focus ones and those of the closed loop, each once."""
+    return list(dict.fromkeys(spec for sequence in sequences for stack in sequence.stacks for spec in stack.specs))
 
 
 def picture_names(spec: StackSpec) -> set[str]:

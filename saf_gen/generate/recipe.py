@@ -261,6 +261,14 @@ class RenderSettings(FrozenModel):
         return self.whole_slices
 
 
+class TruthSettings(FrozenModel):
+    """What streams hold of the truth beside the true focus, the depth and the target."""
+
+    sharp: bool = Field(default=False, strict=True)
+    """Whether streams hold the all-in-focus charge of every pixel (``/truth/sharp``), for which a second stack is drawn
+    of every scene, with the aperture of a point; for perfect thin lenses and light of one wavelength."""
+
+
 class SplitSettings(FrozenModel):
     """The sequences of a split: scenes × scene motion × lights × repeats. No two splits share a scene, except for a
     family that gives ``members`` to each, which are scenes of their own.
@@ -350,6 +358,13 @@ class Recipe(FrozenModel):
     """Sequences of each split, by the name of the split."""
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Values or ranges of a scene's parameters, which replace those on its card."""
+    truth: TruthSettings = TruthSettings()
+    """What streams hold of the truth beside the true focus, the depth and the target."""
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out ``truth`` if it asks for nothing: recipes keep the text and fingerprint from before this key."""
+        return {key: value for key, value in serialize(self).items() if key != "truth" or self.truth != TruthSettings()}
 
 
 class StackSettings(FrozenModel):
@@ -397,7 +412,7 @@ class StackRecipe(Recipe):
 
     @model_validator(mode="after")
     def _check_nothing_is_rendered(self) -> "StackRecipe":
-        for key in ("render", "scene_params"):
+        for key in ("render", "scene_params", "truth"):
             if key in self.model_fields_set:
                 raise ValueError(f"no {key} in {STACKS_HAVE}")
         if self.camera.exposure.mean_rate is None or self.camera.exposure.f_number is not None:

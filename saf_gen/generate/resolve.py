@@ -30,6 +30,7 @@ from saf_gen.optics.actuators import Actuator, get_actuator
 from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.scene.scene_folder import Scene, find_scene
+from saf_gen.stack.all_in_focus import sharp_stack
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.other_cameras import OtherCamera, find_camera
 from saf_gen.stack.picture_stack import PictureStack, StackCard, read_picture_stack
@@ -364,6 +365,8 @@ class ResolvedSequence:
         Readouts of each sequence of the recipe.
     recipe_seed : int
         Seed of the recipe.
+    sharp_stack : TimeResolvedStack or None
+        Stacks of its all-in-focus pictures (:mod:`saf_gen.stack.all_in_focus`); None if the recipe asks for none.
     """
 
     planned: PlannedSequence
@@ -373,6 +376,13 @@ class ResolvedSequence:
     sensor: Sensor
     frames: int
     recipe_seed: int
+    sharp_stack: TimeResolvedStack | None = None
+
+    @property
+    def stacks(self) -> tuple[TimeResolvedStack, ...]:
+        """All its stacks, each once: of the recording, of its all-in-focus pictures, and of the closed loop."""
+        found = (self.time_stack, self.sharp_stack, self.closed_loop_slices)
+        return tuple(dict.fromkeys(stack for stack in found if stack is not None))
 
     @property
     def closed_loop_slices(self) -> TimeResolvedStack | None:
@@ -383,6 +393,8 @@ class ResolvedSequence:
 
     def stack_label(self, stack: TimeResolvedStack) -> str:
         """Return the name of a stack of this sequence in progress bars and listings."""
+        if stack == self.sharp_stack:
+            return f"{self.planned.label}, all in focus"
         has_full_travel = stack.is_moving and stack.holds_full_travel
         return f"{self.planned.label}{', all positions' if has_full_travel else ''}"
 
@@ -392,7 +404,7 @@ class ResolvedSequence:
         return self.frames * self.sensor.rows * self.sensor.columns
 
     def fingerprint(self, stack_digest: str) -> str:
-        """Return the SHA-256 of all that determines the spikes; a file with another fingerprint is made again."""
+        """Return the SHA-256 of all that determines the content; a file with another fingerprint is made again."""
         stack, sensor = self.time_stack, self.sensor.as_dict()
         del sensor["name"], sensor["sources"]  # texts do not change the spikes
         decisive = {
@@ -403,6 +415,8 @@ class ResolvedSequence:
             "frames": self.frames,
             "seed": self.recipe_seed,
         }
+        if self.sharp_stack is not None:
+            decisive["sharp"] = [spec.key for spec in self.sharp_stack.specs]
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
 
 
@@ -601,13 +615,29 @@ def _resolve_sequences(
     planned: list[PlannedSequence], recipe: Recipe, *, scenes: dict[str, Scene | PictureStack], sensor: Sensor
 ) -> Iterable[ResolvedSequence]:
     stacks: dict[str, tuple[Scene | PictureStack, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
+    of_point: dict[str, TimeResolvedStack] = {}
     for sequence in planned:
         lens = [sequence.motion, sequence.actuator_seed, sequence.bands_nm]
         key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, lens])
         if key not in stacks:
             scene = scenes[sequence.scene].with_params(sequence.params)
             stacks[key] = (scene, *_resolve_stacks(sequence, recipe, scene=scene, sensor=sensor))
-        yield ResolvedSequence(sequence, *stacks[key], sensor, recipe.camera.frames, recipe.seed)
+        if recipe.truth.sharp:
+            with located("", prefix=f"truth.sharp: {sequence.id}: "):
+                time_stack = stacks[key][1]
+                _check_lamps(sequence, time_stack.specs[0].groups)
+                if key not in of_point:
+                    position, _ = sequence.lens_course(recipe.camera.frames, readout_hz=sensor.readout_hz)
+                    of_point[key] = sharp_stack(time_stack, position)
+        yield ResolvedSequence(sequence, *stacks[key], sensor, recipe.camera.frames, recipe.seed, of_point.get(key))
+
+
+def _check_lamps(sequence: PlannedSequence, groups: tuple[str, ...]) -> None:
+    """Raise BadInput unless each light group is one lamp in light of one wavelength, which a picture can stand for."""
+    lamps = list(list_lamps(sequence.schedule, groups))
+    if len(lamps) != len(groups) or any(lamp.spectrum for lamp in lamps):
+        what = "its lamps have spectra" if len(lamps) == len(groups) else "several lamps share a light group"
+        raise BadInput(what, allowed="one lamp for each light group, in light of one wavelength")
 
 
 def _resolve_stacks(

@@ -173,7 +173,7 @@ def run_plan(
         if isinstance(plan.resolved.recipe, StackRecipe):
             return PICTURES, True
         name, renders_waves = choose_renderer(variant, cluster=machines, notify=tell)
-        by_waves = all(spec.estimator == WAVES for stack in plan.by_stack for spec in stack.specs)
+        by_waves = all(spec.estimator == WAVES for stack in plan.users for spec in stack.specs)
         return name, renders_waves or by_waves
 
     backend_name, renders_waves = choose_backend() if plan.to_render else (variant, True)
@@ -383,7 +383,7 @@ PHOTOGRAPHED = "focal stacks photographed by other cameras"
 PAGE = Template("""# $name: spike-camera autofocus data
 
 Made by saf_gen from a recipe: $origin, seen by a model of the spike
-camera `$sensor`. Every sequence holds its true focus and the lens position at every frame.
+camera `$sensor`. Every sequence holds its true focus and the lens position at every frame$more.
 
 | | |
 |---|---|
@@ -456,12 +456,14 @@ def write_dataset_card(
     cards, of_stacks = list(scenes), isinstance(recipe, StackRecipe)
     licences = read_licences(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
+    more = ", and the charge of every pixel if everything were in focus" if recipe.truth.sharp else ""
     text = PAGE.substitute(
         name=recipe.name,
         sensor=recipe.camera.spike_sensor,
         count=len(manifest.sequences),
         splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
         frames=recipe.camera.frames,
+        more=more,
         origin=PHOTOGRAPHED if of_stacks else "scenes rendered by Mitsuba through a thin lens",
         positions="| one per picture; their steps, and the rule of the true focus, are in /provenance/photographed"
         if of_stacks
@@ -480,7 +482,7 @@ def write_dataset_card(
         f"Spike-camera autofocus data, {how} and simulated: {plural(len(manifest.sequences), 'sequence')} of "
         f"{recipe.camera.frames} frames, sensor {recipe.camera.spike_sensor}, light {', '.join(recipe.lights)}. "
         f"Scenes: {'; '.join(f'{card.id}, {card.title}' for card in cards)}. "
-        "Each sequence holds its true focus and the lens position at every frame."
+        f"Each sequence holds its true focus and the lens position at every frame{more}."
     )
     write_croissant(
         folder, manifest, facts=DatasetFacts(described, licences, responsible=PHOTOGRAPHS if of_stacks else SYNTHETIC)

@@ -6,7 +6,7 @@ dearest to the shard with the least to do. Only if that leaves a shard with too 
 runs of neighbouring time slices as possible, because each run must trace the light paths of the moments before it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import fsum
@@ -142,16 +142,29 @@ def _stacks_of(families: Iterable[_Family]) -> tuple[TimeResolvedStack, ...]:
 def _find_families(sequences: Iterable[ResolvedSequence]) -> tuple[list[_Family], list[_Family]]:
     """Return the families from which something is recorded, and those that only a closed-loop run needs."""
     users: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
+    of_point: dict[TimeResolvedStack, TimeResolvedStack] = {}
     for sequence in sequences:
         users.setdefault(sequence.time_stack, []).append(sequence)
+        if sequence.sharp_stack is not None:  # its pictures are in the recording
+            of_point[sequence.time_stack] = sequence.sharp_stack
+    for sharp in of_point.values():
+        users.setdefault(sharp, [])
     for stack in [s.closed_loop_slices for made in users.values() for s in made]:
         if stack is not None:
             users.setdefault(stack, [])
     families = [
         _Family(tuple(stacks), tuple(s for stack in stacks for s in users[stack]))
-        for stacks in join_by_stacks(users, lambda stack: stack.specs)
+        for stacks in join_by_stacks(users, lambda stack: _with_sharp(stack, of_point))
     ]
     return [one for one in families if one.recordings], [one for one in families if not one.recordings]
+
+
+def _with_sharp(
+    stack: TimeResolvedStack, of_point: Mapping[TimeResolvedStack, TimeResolvedStack]
+) -> tuple[StackSpec, ...]:
+    """Return the specs of a stack, and those of the all-in-focus pictures of what is recorded from it."""
+    sharp = of_point.get(stack)
+    return stack.specs if sharp is None else (*stack.specs, *sharp.specs)
 
 
 def join_by_stacks(items: Iterable[_T], specs_of: Callable[[_T], Iterable[StackSpec]]) -> list[list[_T]]:

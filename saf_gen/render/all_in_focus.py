@@ -8,14 +8,15 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.render import backend, render_missing
 from saf_gen.scene.scene_folder import find_scene
-from saf_gen.stack.all_in_focus import AllInFocus
+from saf_gen.stack.all_in_focus import AllInFocus, held_picture
 from saf_gen.stream.stream_file import SpikeStream
 
 
 def render_all_in_focus(stream: SpikeStream, stacks: str | Path, *, variant: str = "auto") -> np.ndarray:
-    """Return the all-in-focus charge of a stream; what of it is missing in the folder of stacks is rendered first.
+    """Return the all-in-focus charge of a stream, which it holds; if not, it is rendered into the folder of stacks.
 
-    Sequences of one scene share it. It has as many samples as the stack of the recording.
+    What is there already is not rendered again, and sequences of one scene share it. It has as many samples as the
+    stack of the recording.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def render_all_in_focus(stream: SpikeStream, stacks: str | Path, *, variant: str
         If :meth:`saf_gen.stack.all_in_focus.AllInFocus.of_stream` refuses the stream, if its scene is missing or has
         changed since, or if the renderer cannot run.
     """
+    if (held := held_picture(stream)) is not None:
+        return held
     picture = AllInFocus.of_stream(stream, Path(stacks))
     scene = find_scene(picture.spec.scene).with_params(load_plain_json(picture.spec.params))
     if scene.digest != picture.spec.scene_digest:

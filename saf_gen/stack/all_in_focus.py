@@ -1,10 +1,14 @@
 """The all-in-focus picture of a recording: what its lens would draw if its aperture were a point.
 
 It is a focal stack of its own, of the same scene, lights and pixels, whose lens has an aperture so small that nothing
-blurs, rendered by :func:`saf_gen.render.all_in_focus.render_all_in_focus` at the two positions around the true focus.
-It has the scale and the perspective of the depth map, and the amount of light of the recording's own aperture, so that
-it equals the recorded picture where that is in focus. It lies beside the stacks of a dataset and is no part of the
-streams.
+blurs. It has the perspective and the scale of the recorded picture at one position of the lens, and the amount of light
+of the recording's own aperture, so that it equals the recorded picture where that is in focus.
+
+A recipe with ``truth: {sharp: true}`` renders it with the other stacks (:func:`sharp_stack`), and every stream holds it
+as ``/truth/sharp`` (:class:`SharpPictures`): of a scene at rest at the true focus, and of a scene that moves at each
+time slice, where the lens is then. For all other recordings of scenes at rest,
+:func:`saf_gen.render.all_in_focus.render_all_in_focus` renders it afterwards; it then lies beside the stacks of the
+dataset and is no part of the streams.
 """
 
 from dataclasses import dataclass, replace
@@ -13,16 +17,136 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.camera import charge_of_images
-from saf_gen.errors import BadInput
+from saf_gen.camera import BitSensor, charge_of_images
+from saf_gen.errors import BadInput, located
 from saf_gen.optics import FittedLensDrive
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.focal_stack import WAVES, StackSpec, StackStore
+from saf_gen.stack.focal_stack import PICTURES, WAVES, StackSpec, StackStore
+from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.defocus_blur import known_depth
+from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import SpikeStream
 
 F_NUMBER = 512.0
 """f-number of the point: a blur of 20 pixels at f/2 is then a twelfth of a pixel."""
+
+
+def sharp_stack(time_stack: TimeResolvedStack, position: np.ndarray) -> TimeResolvedStack:
+    """Return the stacks of a recording's all-in-focus pictures, one for each of its moments.
+
+    That of a scene at rest holds all positions, because where its target is in focus is known once it is rendered; each
+    of those of a scene that moves holds the two positions around that of the lens.
+
+    Parameters
+    ----------
+    time_stack : TimeResolvedStack
+        Focal stacks of the recording.
+    position : ndarray, shape (T,)
+        Position of the lens in each readout, 0 to 1.
+
+    Raises
+    ------
+    BadInput
+        If the scene is a thin section or was photographed, if its lens has aberrations or a ring, or if its lamps have
+        spectra.
+    """
+    if not time_stack.is_moving:
+        return TimeResolvedStack((0,), (_point_spec(time_stack, 0),))
+    at = _lens_at_slices(time_stack, position)
+    specs = (_point_spec(time_stack, j, around=float(one)) for j, one in enumerate(at))
+    return TimeResolvedStack(time_stack.slice_frames, tuple(specs))
+
+
+def _lens_at_slices(time_stack: TimeResolvedStack, position: np.ndarray) -> np.ndarray:
+    """Return where the lens is at each time slice, 0 to 1; the last slice may lie behind the recording."""
+    return np.clip(position[np.minimum(time_stack.slice_frames, len(position) - 1)], 0, 1)
+
+
+def _point_spec(time_stack: TimeResolvedStack, j: int, *, around: float | None = None) -> StackSpec:
+    """Return the stack of a moment with the aperture of a point: at all positions, or at the two around one."""
+    spec = time_stack.moments[j]
+    drive = spec.drive
+    if spec.estimator in (WAVES, PICTURES):
+        what = "is a thin section, drawn by waves" if spec.estimator == WAVES else "was photographed"
+        raise BadInput(f"its scene {what}", allowed="scenes that light paths render")
+    if len(time_stack.bands) > 1:
+        raise BadInput("its lamps have spectra", allowed="light of one wavelength")
+    if isinstance(drive, FittedLensDrive) or not drive.fills_its_aperture_perfectly:
+        raise BadInput("its lens has aberrations or a ring, which a point has not", allowed="perfect thin lenses")
+    changes: dict[str, Any] = {"f_number": F_NUMBER}
+    point = replace(drive, **changes)  # type: ignore[type-var]
+    window = None
+    if around is not None:
+        first = int(np.clip(np.floor(around * (spec.positions - 1)), 0, spec.positions - 2))
+        window = (first, first + 1)
+    return replace(spec, drive=point, wavelength_m=0.0, window=window, margin=(0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class SharpPictures:
+    """The all-in-focus charge of a recording, computed one moment at a time, as ``Truth.sharp`` takes it.
+
+    Attributes
+    ----------
+    planes : PlaneSource
+        Stacks of :func:`sharp_stack`.
+    recorded : PlaneSource
+        Focal stacks of the recording, whose aperture collects the light.
+    sensor : Sensor or SpadSensor
+        Sensor of the recording.
+    exposure : float
+        Factor on all gains.
+    position : ndarray of float64, shape (S,)
+        Position of the lens at each of S moments, 0 to 1.
+    """
+
+    planes: PlaneSource
+    recorded: PlaneSource
+    sensor: BitSensor
+    exposure: float
+    position: np.ndarray
+
+    @classmethod
+    def of_recording(
+        cls,
+        planes: PlaneSource,
+        recorded: PlaneSource,
+        *,
+        sensor: BitSensor,
+        exposure: float,
+        truth: Truth,
+        position: np.ndarray,
+    ) -> "SharpPictures":
+        """Return the pictures of a recording with this truth, whose lens is at ``position`` in each readout (T,)."""
+        moving = planes.time_stack.is_moving
+        at = _lens_at_slices(planes.time_stack, position) if moving else np.clip([truth.position], 0.0, 1.0)
+        return cls(planes, recorded, sensor, exposure, np.asarray(at, np.float64))
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Shape (slice, light, row, col) of all pictures."""
+        spec = self.planes.time_stack.specs[0]
+        return len(self.position), len(spec.groups), spec.rows, spec.columns
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The type of the numbers, float32."""
+        return np.dtype(np.float32)
+
+    def __getitem__(self, j: int) -> np.ndarray:
+        """Return the charge at moment j, float32 (light, row, col), in electrons per readout at gain 1.
+
+        Raises BadInput if its stack is missing or damaged.
+        """
+        spec, lens = self.planes.time_stack.specs[j], self.recorded.time_stack.specs[0].drive
+        last = spec.first_index + spec.rendered_count - 1
+        knot = float(np.clip(self.position[j] * (spec.positions - 1), spec.first_index, last))
+        k = min(int(knot), last - 1)
+        first = k - spec.first_index
+        planes = self.planes.load_planes(j, first, first + 2)
+        charge = charge_of_images(planes, self.sensor, lens=lens, position=spec.focus[first : first + 2])
+        between = charge[:, 0] + np.float32(knot - k) * (charge[:, 1] - charge[:, 0])
+        return np.asarray(between * np.float32(self.exposure), dtype=np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,26 +174,13 @@ class AllInFocus:
         Raises BadInput if the stream cannot be captured again from these stacks, if its scene moves, is a thin section
         or was photographed, if its lens has aberrations or a ring, or if its lamps have spectra.
         """
-        where, position = str(stream.path), stream.truth.position
         known_depth(stream)
         capture = Capture.from_stream(stream, stacks)
-        specs = capture.plane_source.time_stack.specs
-        spec, drive = specs[0], specs[0].drive
-        if spec.estimator == WAVES:
-            raise BadInput(
-                "its scene is a thin section, drawn by waves", where=where, allowed="scenes that light paths render"
-            )
-        if len(specs) > 1 or capture.colour is not None:
-            raise BadInput("its lamps have spectra", where=where, allowed="light of one wavelength")
-        if isinstance(drive, FittedLensDrive) or not drive.fills_its_aperture_perfectly:
-            raise BadInput(
-                "its lens has aberrations or a ring, which a point has not", where=where, allowed="perfect thin lenses"
-            )
-        first = int(np.clip(np.floor(position * (spec.positions - 1)), 0, spec.positions - 2))
-        changes: dict[str, Any] = {"f_number": F_NUMBER}
-        point = replace(drive, **changes)  # type: ignore[type-var]
-        pinhole = replace(spec, drive=point, wavelength_m=0.0, window=(first, first + 1), margin=(0, 0))
-        return cls(capture, pinhole, stacks)
+        with located(str(stream.path)):
+            if capture.colour is not None:
+                raise BadInput("its lamps have spectra", allowed="light of one wavelength")
+            spec = _point_spec(capture.plane_source.time_stack, 0, around=stream.truth.position)
+        return cls(capture, spec, stacks)
 
     def load(self) -> np.ndarray:
         """Return the charge of each light group, float32 (light, row, col), in electrons per readout at gain 1.
@@ -83,22 +194,20 @@ class AllInFocus:
                 where=str(self.stacks),
                 hint="render it: saf_gen.render.all_in_focus.render_all_in_focus(stream, stacks)",
             )
-        lens = self.capture.plane_source.time_stack.specs[0].drive  # whose aperture collects the light
-        charge = charge_of_images(store.load_planes(0, 2), self.capture.sensor, lens=lens, position=self.spec.focus)
-        weight = self.capture.truth.position * (self.spec.positions - 1) - self.spec.first_index
-        between = charge[:, 0] + np.float32(np.clip(weight, 0, 1)) * (charge[:, 1] - charge[:, 0])
-        return np.asarray(between * np.float32(self.capture.exposure), dtype=np.float32)
+        planes = PlaneSource.from_folder(TimeResolvedStack((0,), (self.spec,)), self.stacks)
+        capture, at = self.capture, np.array([self.capture.truth.position])
+        return SharpPictures(planes, capture.plane_source, capture.sensor, capture.exposure, at)[0]
 
 
 def load_all_in_focus(stream: SpikeStream, stacks: str | Path) -> np.ndarray:
-    """Return the all-in-focus charge of a stream, from the folder of stacks in which it was rendered.
+    """Return the all-in-focus charge of a stream, which it holds, or from the folder in which it was rendered.
 
     Parameters
     ----------
     stream : SpikeStream
         Stream of a scene at rest that `saf-gen generate` made.
     stacks : str or Path
-        Folder ``stacks`` of its dataset.
+        Folder ``stacks`` of its dataset; not read if the stream has ``truth.sharp``.
 
     Returns
     -------
@@ -111,4 +220,15 @@ def load_all_in_focus(stream: SpikeStream, stacks: str | Path) -> np.ndarray:
     BadInput
         If it was not rendered yet, or if :meth:`AllInFocus.of_stream` refuses the stream.
     """
+    if (held := held_picture(stream)) is not None:
+        return held
     return AllInFocus.of_stream(stream, Path(stacks)).load()
+
+
+def held_picture(stream: SpikeStream) -> np.ndarray | None:
+    """Return the all-in-focus charge that a stream of a scene at rest holds, float32 (light, row, col), or None."""
+    sharp = stream.truth.sharp
+    if sharp is None:
+        return None
+    known_depth(stream)
+    return sharp[0]

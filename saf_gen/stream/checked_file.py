@@ -7,22 +7,25 @@ memory. A stream has a few known datasets, stored inside the file; this is check
 import math
 import struct
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import IO, Any
+from types import TracebackType
+from typing import IO, Any, Self
 
 import h5py
 import numpy as np
 
-from saf_gen.core.object_store import ObjectReader
+from saf_gen.core.object_store import AnyPath, ObjectReader
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, closest
-from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS
+from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS, metadata_from_datasets
 
 GROUPS = ("focus", "light", "pixels", "time", "truth", "provenance")
 NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DATASETS.values())])
 """The datasets that a stream may have, in addition to any text in ``/provenance``."""
 
+SHARP = "truth/sharp"
+"""The dataset of a stream, beside ``/spikes``, that is too large to be read when the stream is opened."""
 MAX_SMALL_BYTES = 1 << 29
 MAX_DEFLATED_BYTES = 1 << 20
 """Largest stored size, in bytes, of a compressed small dataset, which may expand a thousandfold."""
@@ -55,6 +58,89 @@ def read_attribute(item: h5py.File | h5py.Dataset, name: str, *, number: bool = 
 def holds(file: h5py.File, name: str) -> bool:
     """Return whether a file has something of this name at its top, which may be a link, without following it."""
     return bool(file.id.links.exists(name.encode()))
+
+
+@contextmanager
+def report_damage(path: Path) -> Iterator[None]:
+    """Raise BadInput instead of what HDF5 raises for a file that is damaged."""
+    try:
+        yield
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        raise BadInput(
+            f"is damaged: {str(error).splitlines()[0]:.120}", where=str(path), hint="record it again, or copy it again"
+        ) from error
+
+
+class CheckedFile:
+    """An open HDF5 file of a camera, of which all but its large datasets was checked and read.
+
+    Attributes
+    ----------
+    path : AnyPath
+        The file.
+    metadata : Metadata
+        Lens, light and truth, as in a stream file; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are its.
+    content_sha256 : str
+        Digest of the content.
+    """
+
+    path: AnyPath
+    shape: tuple[int, int, int]
+    readout_hz: float
+
+    def _open(self, path: Path, *, holding: str, form: tuple[str, int], bulk: tuple[str, ...]) -> None:
+        """Open a file that holds something at its top, with this format and layout, and read its small datasets.
+
+        Raises BadInput if it is missing, not HDF5, or another file; all texts are checked before any is read.
+        """
+        self.path, where = path, str(path)
+        if not path.is_file():
+            raise BadInput("there is no such file", where=where, allowed=f"a file of {holding} of saf-gen recapture")
+        try:
+            self._file = h5py.File(path, "r")
+        except OSError as error:
+            raise BadInput(f"cannot be read as HDF5: {error}", where=where, allowed=f"a file of {holding}") from error
+        if not holds(self._file, holding) or "format" not in self._file.attrs:
+            raise BadInput(
+                f"is HDF5, but holds no {holding} of ours",
+                where=where,
+                allowed=f"attribute format = {form[0]!r}",
+                hint="record them with saf-gen recapture",
+            )
+        if (layout := read_attribute(self._file, "layout", number=True)) != form[1]:
+            raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(form[1]))
+        self._small = dict(read_small_datasets(self._file, where, bulk=bulk))
+        if (found := read_attribute(self._file, "format")) != form[0]:
+            raise BadInput(f"its format is {found!r}", where=where, allowed=form[0])
+        self.content_sha256 = str(read_attribute(self._file, "content_sha256"))
+
+    def _read_metadata(self) -> None:
+        """Take the metadata from the small datasets, once ``shape`` is known."""
+        self.metadata = metadata_from_datasets(self._small, self.shape)
+        self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
+        self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
+
+    def _check_content(self, found: str) -> None:
+        """Raise BadInput unless this digest of the content is the stored one."""
+        if found != self.content_sha256:
+            raise BadInput(
+                f"the content has SHA-256 {found[:12]}...",
+                where=str(self.path),
+                allowed=f"{self.content_sha256:.12}... as stored",
+                hint="make it again",
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
@@ -90,7 +176,7 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
 
 
 def read_small_datasets(
-    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes",)
+    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes", SHARP)
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except those that ``bulk`` names; text is str.
 
@@ -98,7 +184,7 @@ def read_small_datasets(
     anything that a stream does not contain.
     """
     checked_heaps = {0}
-    _check_names(file, "", where=where, known=[*GROUPS, *bulk])
+    _check_names(file, "", where=where, known=[*GROUPS, *(name for name in bulk if "/" not in name)])
     with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
         for group in GROUPS:
             if group not in file:
@@ -107,9 +193,12 @@ def read_small_datasets(
             held = file[group]
             if not isinstance(held, h5py.Group):
                 raise BadInput(f"/{group} is not a group", where=where, allowed="a saf-gen stream")
-            known = [name.split("/")[2] for name in NAMES if name.startswith(f"/{group}/")]
+            names = [*NAMES, *(f"/{name}" for name in bulk)]
+            known = [name.split("/")[2] for name in names if name.startswith(f"/{group}/")]
             _check_names(held, group, where=where, known=known if group != "provenance" else None)
             for name in held:
+                if f"{group}/{name}" in bulk:
+                    continue
                 item = open_dataset(file, f"{group}/{name}", where=where)
                 is_text = h5py.check_string_dtype(item.dtype) is not None
                 if is_text != (group == "provenance" or name == "names"):

@@ -10,8 +10,7 @@ the spike camera as their frames.
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -21,9 +20,9 @@ import numpy as np
 
 from saf_gen.core.files import atomic_file, refuse_link, unwritable
 from saf_gen.errors import BadInput
-from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
+from saf_gen.stream.checked_file import CheckedFile, holds, open_dataset, read_attribute, report_damage
 from saf_gen.stream.full_disk import new_hdf5
-from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
+from saf_gen.stream.metadata import Metadata, metadata_to_datasets, stream_digest_lines
 
 FORMAT, LAYOUT = "saf-gen recapture", 1
 COLUMNS = {"x": "uint16", "y": "uint16", "t": "uint32", "p": "uint8"}
@@ -74,7 +73,7 @@ class EventWriter:
         self.content_sha256, self.count = "", 0
         if shape[0] / readout_hz > LONGEST_S:
             raise BadInput(f"the recording lasts {shape[0] / readout_hz:g} s", allowed=f"at most {LONGEST_S:,g} s")
-        self._datasets = metadata_to_datasets(metadata, shape)
+        self._datasets = metadata_to_datasets(metadata.without_sharp(), shape)
         self._hashes = {name: hashlib.sha256() for name in COLUMNS}
         self._index: list[np.ndarray] = []
         self._next_ms = self._last = 0
@@ -146,17 +145,6 @@ class EventWriter:
         self._atomic.__exit__(kind, error, trace)
 
 
-@contextmanager
-def _report_damage(path: Path) -> Iterator[None]:
-    """Raise BadInput instead of what HDF5 raises for a file that is damaged."""
-    try:
-        yield
-    except (OSError, RuntimeError, KeyError, ValueError) as error:
-        raise BadInput(
-            f"is damaged: {str(error).splitlines()[0]:.120}", where=str(path), hint="record it again, or copy it again"
-        ) from error
-
-
 def has_events(path: str | os.PathLike[str]) -> bool:
     """Return whether a file on a disk is HDF5 that holds events, ours or others'."""
     if not (Path(path).is_file() and h5py.is_hdf5(path)):
@@ -176,7 +164,7 @@ def open_events(path: str | os.PathLike[str]) -> "EventFile":
     return EventFile(Path(path))
 
 
-class EventFile:
+class EventFile(CheckedFile):
     """An open event file.
 
     Attributes
@@ -197,30 +185,14 @@ class EventFile:
         Digest of the content.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        with _report_damage(path):
-            self._open(str(path))
+    path: Path
 
-    def _open(self, where: str) -> None:
-        path = self.path
-        if not path.is_file():
-            raise BadInput("there is no such file", where=where, allowed="an event file (.h5) of saf-gen recapture")
-        try:
-            self._file = h5py.File(path, "r")
-        except OSError as error:
-            raise BadInput(f"cannot be read as HDF5: {error}", where=where, allowed="an event file (.h5)") from error
-        if not holds(self._file, "events") or "format" not in self._file.attrs:
-            raise BadInput(
-                "is HDF5, but not an event file", where=where, allowed=f"attribute format = {FORMAT!r}",
-                hint="record one with saf-gen recapture",
-            )  # fmt: skip
-        if (layout := read_attribute(self._file, "layout", number=True)) != LAYOUT:
-            raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(LAYOUT))
-        # All texts are checked before any is read.
-        self._small = dict(read_small_datasets(self._file, where, bulk=("events", "ms_to_idx", "t_offset")))
-        if (found := read_attribute(self._file, "format")) != FORMAT:
-            raise BadInput(f"its format is {found!r}", where=where, allowed=FORMAT)
+    def __init__(self, path: Path) -> None:
+        with report_damage(path):
+            self._open(path, holding="events", form=(FORMAT, LAYOUT), bulk=("events", "ms_to_idx", "t_offset"))
+            self._read_events(str(path))
+
+    def _read_events(self, where: str) -> None:
         for name in (*(f"events/{column}" for column in COLUMNS), "ms_to_idx", "t_offset"):
             if name not in self._file:
                 raise BadInput(f"has no /{name}", where=where, hint="record it again, or copy it again")
@@ -232,7 +204,6 @@ class EventFile:
         frames, rows, columns, self.readout_hz = (*map(int, numbers[:3]), float(numbers[3]))
         self.shape = frames, rows, columns
         self.seconds = frames / self.readout_hz
-        self.content_sha256 = str(read_attribute(self._file, "content_sha256"))
         self._columns = {name: open_dataset(self._file, f"events/{name}", where=where, bulk=True) for name in COLUMNS}
         self.count = len(self._columns["t"])
         for name, dtype in COLUMNS.items():
@@ -241,19 +212,7 @@ class EventFile:
         if (offset := open_dataset(self._file, "t_offset", where=where)[()]) != 0:
             raise BadInput(f"/t_offset is {offset}", where=where, allowed="0")
         self._index = open_dataset(self._file, "ms_to_idx", where=where, bulk=True)[:]
-        self.metadata = metadata_from_datasets(self._small, self.shape)
-        self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
-        self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        self._read_metadata()
 
     def __repr__(self) -> str:
         _, rows, columns = self.shape
@@ -272,7 +231,7 @@ class EventFile:
             )
         first, stop = round(first_s * 1e6), round(stop_s * 1e6)
         low, high = self._near(first // TICKS_PER_MS), self._near(-(-stop // TICKS_PER_MS))
-        with _report_damage(self.path):
+        with report_damage(self.path):
             t = self._columns["t"][low:high]
             begin, end = low + np.searchsorted(t, [first, stop])
             return EventColumns(*(self._columns[name][begin:end] for name in EventColumns._fields))
@@ -304,17 +263,13 @@ class EventFile:
     def verify(self) -> None:
         """Read the whole file; raise BadInput if its content does not match its digest, or its index its times."""
         hashes = {name: hashlib.sha256() for name in COLUMNS}
-        with _report_damage(self.path):
+        with report_damage(self.path):
             for begin in range(0, self.count, CHUNK * 16):
                 for name in COLUMNS:
                     hashes[name].update(self._columns[name][begin : begin + CHUNK * 16].tobytes())
         digests = {name: digest.hexdigest() for name, digest in hashes.items()}
         found = _content_digest(self._small, digests, count=self.count, shape=self.shape, readout_hz=self.readout_hz)
-        if found != self.content_sha256:
-            raise BadInput(
-                f"the content has SHA-256 {found[:12]}...", where=str(self.path),
-                allowed=f"{self.content_sha256:.12}... as stored", hint="make it again",
-            )  # fmt: skip
+        self._check_content(found)
         t = self._columns["t"][:]
         if not np.array_equal(np.searchsorted(t, np.arange(len(self._index)) * TICKS_PER_MS), self._index):
             raise BadInput(

@@ -6,22 +6,19 @@
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NoReturn, Self
+from typing import Any, NoReturn
 
 import h5py
 import numpy as np
 
 from saf_gen.core.files import atomic_file, refuse_link
-from saf_gen.core.object_store import AnyPath
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
-from saf_gen.stream.checked_file import holds, open_dataset, read_attribute, read_small_datasets
+from saf_gen.stream.checked_file import CheckedFile, holds, open_dataset, read_attribute, report_damage
 from saf_gen.stream.full_disk import new_hdf5
-from saf_gen.stream.metadata import Metadata, metadata_from_datasets, metadata_to_datasets, stream_digest_lines
+from saf_gen.stream.metadata import Metadata, metadata_to_datasets, stream_digest_lines
 from saf_gen.stream.pixel_mask import Filling
 
 FORMAT, LAYOUT = "saf-gen frames", 1
@@ -58,7 +55,7 @@ def write_frames(
         If a field of the metadata is not allowed, there are not T frames of this shape, or the folder cannot be
         written.
     """
-    datasets = metadata_to_datasets(metadata, shape)
+    datasets = metadata_to_datasets(metadata.without_sharp(), shape)
     sha, count = hashlib.sha256(), 0
     with atomic_file(Path(path)) as part, new_hdf5(part) as (file, disk):
         stored = file.create_dataset(
@@ -107,18 +104,7 @@ def open_frames(path: str | os.PathLike[str]) -> "FrameFile":
     return FrameFile(Path(path))
 
 
-@contextmanager
-def _report_damage(path: Path) -> Iterator[None]:
-    """Raise BadInput instead of what HDF5 raises for a file that is damaged."""
-    try:
-        yield
-    except (OSError, RuntimeError, KeyError, ValueError) as error:
-        raise BadInput(
-            f"is damaged: {str(error).splitlines()[0]:.120}", where=str(path), hint="record it again, or copy it again"
-        ) from error
-
-
-class FrameFile:
+class FrameFile(CheckedFile):
     """An open file of a frame camera, a recording that can be judged; files from untrusted sources are safe to open.
 
     Attributes
@@ -136,28 +122,12 @@ class FrameFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path: AnyPath = path
-        self._where = path
-        with _report_damage(path):
-            self._open(str(path))
+        with report_damage(path):
+            self._open(path, holding="frames", form=(FORMAT, LAYOUT), bulk=("frames",))
+            self._read_frames(path)
 
-    def _open(self, where: str) -> None:
-        if not self._where.is_file():
-            raise BadInput("there is no such file", where=where, allowed="a file (.h5) of saf-gen recapture")
-        try:
-            self._file = h5py.File(self._where, "r")
-        except OSError as error:
-            raise BadInput(f"cannot be read as HDF5: {error}", where=where, allowed="a file of frames (.h5)") from error
-        if not holds(self._file, "frames") or "format" not in self._file.attrs:
-            raise BadInput(
-                "is HDF5, but holds no frames of ours", where=where, allowed=f"attribute format = {FORMAT!r}"
-            )
-        if (layout := read_attribute(self._file, "layout", number=True)) != LAYOUT:
-            raise BadInput(f"its layout version is {layout!r}", where=where, allowed=str(LAYOUT))
-        # All texts are checked before any is read.
-        self._small = dict(read_small_datasets(self._file, where, bulk=("frames",)))
-        if (found := read_attribute(self._file, "format")) != FORMAT:
-            raise BadInput(f"its format is {found!r}", where=where, allowed=FORMAT)
+    def _read_frames(self, path: Path) -> None:
+        self._where, where = path, str(path)
         self._frames = open_dataset(self._file, "frames", where=where, bulk=True)
         if self._frames.dtype != np.uint16 or self._frames.ndim != 3 or 0 in self._frames.shape:
             raise BadInput(
@@ -166,25 +136,11 @@ class FrameFile:
         hz = read_attribute(self._file, "readout_hz", number=True)
         if hz is None or not 0 < float(hz) < np.inf:
             raise BadInput("it does not say its frames per second", where=where, hint="make it again")
-        self.shape: tuple[int, int, int] = self._frames.shape
-        self.readout_hz, self.content_sha256 = float(hz), str(read_attribute(self._file, "content_sha256"))
+        self.shape = self._frames.shape
+        self.readout_hz = float(hz)
         if self._frames.chunks != (1, *self.shape[1:]) or self._frames.id.get_num_chunks() < self.shape[0]:
             raise BadInput("/frames was not written to its end", where=where, hint="make it again")
-        self.metadata = metadata_from_datasets(self._small, self.shape)
-        self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
-        self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        self._read_metadata()
 
     def __repr__(self) -> str:
         frames, rows, columns = self.shape
@@ -198,7 +154,7 @@ class FrameFile:
         """
         window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
         rows, columns = validate_region(region, self.shape[1:], where=str(self.path))
-        with _report_damage(self._where):
+        with report_damage(self._where):
             found: np.ndarray = self._frames[window.start : window.stop, rows, columns]
         return found
 
@@ -228,11 +184,7 @@ class FrameFile:
         for frame in range(self.shape[0]):
             sha.update(self.frames(frame, frame + 1).astype("<u2").tobytes())
         found = _content_digest(self._small, sha.hexdigest(), shape=self.shape, readout_hz=self.readout_hz)
-        if found != self.content_sha256:
-            raise BadInput(
-                f"the content has SHA-256 {found[:12]}...", where=str(self.path),
-                allowed=f"{self.content_sha256:.12}... as stored", hint="make it again",
-            )  # fmt: skip
+        self._check_content(found)
 
 
 def check_replaceable(path: Path) -> None:

@@ -1,13 +1,13 @@
 """Sharpen windows of spikes whose blur is known: a Wiener filter with one learned number, and its PSNR on test.
 
-    saf-gen generate studies/learned/deblur.yaml --out datasets/deblur
-    python -m studies.learned.deblur datasets/deblur
+    python -m studies.learned.deblur
 
-A window's counts are sharpened by the Wiener filter of a disc of the blur in the middle of the target,
-``stream.blur``. The number is the ratio of the energies of noise and picture, and the one that gives the highest PSNR
-on the split ``train``. The truth is the all-in-focus charge at the scale of the window, rendered if it is missing.
-Both pictures are compared with it in the box of the target after the factor that fits them best, with the largest value
-of the truth as peak.
+generates the dataset of ``deblur.yaml``, beside this file, and learns on it; another dataset may be given. A window's
+counts are sharpened by the Wiener filter of a disc of the blur in the middle of the target, ``stream.blur``. The number
+is the ratio of the energies of noise and picture, and the one that gives the highest PSNR on the split ``train``. The
+truth is the all-in-focus charge at the scale of the window: that of the stream, or if it holds none, rendered. Both
+pictures are compared with it in the box of the target after the factor that fits them best, with the largest value of
+the truth as peak.
 
 References
 ----------
@@ -26,11 +26,13 @@ from scipy.special import j1
 
 from saf_gen import open_stream
 from saf_gen.core.region import Region, bounding_box
-from saf_gen.errors import BadInput, unknown
-from saf_gen.render.all_in_focus import render_all_in_focus
+from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
 
+RECIPE, DATASET = Path(__file__).with_name("deblur.yaml"), Path("datasets/deblur")
 WINDOW = 50
 BLURS_PX = (1.0, 10.0)
 """Smallest and largest blur of the windows: less needs no sharpening, and more reaches far beyond the box."""
@@ -53,7 +55,7 @@ def windows_of(stream: SpikeStream, stacks: Path) -> Iterator[Window]:
     metadata, truth = stream.metadata, stream.truth
     if truth.target is None or metadata.gain is None or metadata.image_distance is None:
         raise BadInput("does not state its target, light and lens", where=str(stream.path), allowed="streams that do")
-    charge, box = render_all_in_focus(stream, stacks), bounding_box(truth.target)
+    charge, box = _sharp_charge(stream, stacks), bounding_box(truth.target)
     in_focus = int(np.argmin(np.abs(np.asarray(metadata.lens_position) - truth.position)))
     for first in range(0, stream.shape[0] - WINDOW + 1, WINDOW):
         middle = first + WINDOW // 2
@@ -63,6 +65,15 @@ def windows_of(stream: SpikeStream, stacks: Path) -> Iterator[Window]:
             breathing = float(metadata.image_distance[middle] / metadata.image_distance[in_focus])
             sharp = _scaled(np.tensordot(gain, charge, 1), breathing)
             yield Window(stream.counts(first, first + WINDOW).astype(np.float64), sharp, box, blur_px)
+
+
+def _sharp_charge(stream: SpikeStream, stacks: Path) -> np.ndarray:
+    """Return the all-in-focus charge of each light group of a scene at rest, float32 (light, row, col)."""
+    if stream.truth.sharp is not None:
+        return stream.truth.sharp[0]
+    from saf_gen.render.all_in_focus import render_all_in_focus  # needs the renderer, which reading does not
+
+    return render_all_in_focus(stream, stacks)
 
 
 def _scaled(picture: np.ndarray, factor: float) -> np.ndarray:
@@ -116,17 +127,25 @@ def windows_of_split(dataset: Path, split: str) -> list[Window]:
     return found
 
 
+def _generated() -> Path:
+    """Return the folder of the dataset, of which what is missing is generated first."""
+    for error in generate(resolve_recipe(RECIPE), DATASET).failed.values():
+        raise error
+    return DATASET
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Learn on one split, and print the PSNR of counts and of sharpened counts on the other."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("dataset", type=Path)
+    parser.add_argument("dataset", type=Path, nargs="?", help=f"by default {DATASET}, which is generated")
     parser.add_argument("--train", default="train")
     parser.add_argument("--test", default="test")
     given = parser.parse_args(arguments)
     try:
-        ratio = learn_ratio(windows_of_split(given.dataset, given.train))
-        judged = windows_of_split(given.dataset, given.test)
-    except BadInput as error:
+        dataset = given.dataset or _generated()
+        ratio = learn_ratio(windows_of_split(dataset, given.train))
+        judged = windows_of_split(dataset, given.test)
+    except SafGenError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     before = np.array([psnr(w.counts, w) for w in judged])

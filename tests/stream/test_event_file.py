@@ -166,7 +166,7 @@ def test_events_of_others_are_refused_by_what_they_lack(tmp_path):
     with h5py.File(tmp_path / "dsec.h5", "w") as file:
         for name, column in some_events()._asdict().items():
             file[f"events/{name}"] = column
-    assert "not an event file" in str(refusal(saf_gen.open_events, tmp_path / "dsec.h5"))
+    assert "holds no events of ours" in str(refusal(saf_gen.open_events, tmp_path / "dsec.h5"))
     assert "not a saf-gen stream" in str(refusal(saf_gen.open_stream, tmp_path / "dsec.h5"))
 
 
