@@ -230,6 +230,30 @@ class View(Protocol):
         """
         ...
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop`` in the region, the falls of the light and then its rises.
+
+        The first index is the polarity as event files store it: 0 for events of darker light, 1 for those of brighter
+        light. Their sum over it is what ``counts`` returns. It takes as much camera time as ``counts``, and costs as
+        much. Only an event camera has events; a search that cannot do without them says so (``polarities = True``).
+
+        Parameters
+        ----------
+        first, stop : int
+            Window of at least one frame, 0 <= first < stop <= ``frames``.
+
+        Returns
+        -------
+        ndarray of uint32, shape (2, row, col)
+            Events per pixel in the window: darker, brighter; read-only.
+
+        Raises
+        ------
+        BadInput
+            If the camera is no event camera.
+        """
+        ...
+
     def position(self, frame: int) -> float:
         """Return the lens position at a frame that has passed, as a fraction of the travel; NaN if unknown.
 
@@ -290,6 +314,11 @@ def commands(search: object) -> bool:
     return bool(getattr(search, "commands", False))
 
 
+def wants_polarities(search: object) -> bool:
+    """Return whether a search needs events with their polarities (attribute ``polarities``)."""
+    return bool(getattr(search, "polarities", False))
+
+
 def wants_measures(search: object) -> tuple[str, ...]:
     """Return the names of the additional focus measures that a search uses (attribute ``measures``)."""
     return tuple(getattr(search, "measures", ()))
@@ -340,6 +369,8 @@ class Search(Protocol):
         Whether the search commands the lens.
     measures : tuple of str, optional
         Names of the focus measures that the search uses in addition to the method's.
+    polarities : bool, optional
+        Whether the search needs ``view.polarities``; it is then refused where there are no events.
     causal : bool, optional
         Whether the search can stop before the sweep ends; the conformance checks require this attribute.
     cost : float, optional

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from saf_gen.benchmark.method_spec import Method, split_options
+from saf_gen.benchmark.method_spec import Method, nested_plugins, split_options
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.camera import parse_sensor
 from saf_gen.camera.spad import SpadSensor
 from saf_gen.errors import BadInput
-from saf_gen.parts import wants_intervals
+from saf_gen.parts import wants_intervals, wants_polarities
 from saf_gen.plugins.measures import NORMALISED_SUFFIX
 from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.recordings import EventRecording, open_recording
@@ -18,6 +18,8 @@ LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "st
 of single photons and of events share nothing, so that the same addend would be taken for contrast."""
 EVENTS_OF_SPIKES = frozenset({"change_rate"})
 """Measures that make events of spikes, and mean nothing where there are events."""
+TWINS = {"Pbf": "pbf_events", "Elp": "elp_events"}
+"""Searches that make events of spikes, each with the search that takes events as they are."""
 
 
 def leave_to_spikes(
@@ -39,7 +41,7 @@ def leave_to_spikes(
     Raises
     ------
     BadInput
-        If a named method needs spikes, and the recordings hold single photons or events.
+        If a named method needs spikes, or events, and the recordings hold something else.
     """
     needs = {name: need for name, method in methods.items() if (need := _need(method))}
     kind = _kind(tasks) if needs or not asked else "spikes"
@@ -49,15 +51,22 @@ def leave_to_spikes(
             "these recordings hold frames, and windows are numbers of frames", allowed="methods that name their window",
             hint="for example --method sd+argmax:window=3",
         )  # fmt: skip
-    if kind == "spikes" or not unfit:
+    if not unfit:
         return dict(methods)
     fit = {name: method for name, method in methods.items() if name not in unfit}
     if asked or not fit:
-        raise BadInput(
-            f"{unfit[0]} {needs[unfit[0]]}, and these recordings hold {WORDS[kind]}",
-            allowed="a measure of counts that corrects for no spikes, such as sd or er_count",
-            hint="leave the method out",
+        need = needs[unfit[0]]
+        allowed, hint = (
+            "a measure of counts that corrects for no spikes, such as sd or er_count",
+            "leave the method out",
         )
+        if need == POLARITIES:
+            allowed, hint = "recordings of an event camera", "record events with saf-gen recapture"
+        elif twin := _twin(methods[unfit[0]]):
+            allowed, hint = "searches that take events as they are", f"use {twin}"
+        raise BadInput(
+            f"{unfit[0]} {need}, and these recordings hold {WORDS[kind]}", allowed=allowed, hint=hint
+        )  # fmt: skip
     tell(f"left out, because these recordings hold {WORDS[kind]}: {', '.join(unfit)}")
     return fit
 
@@ -72,20 +81,29 @@ def check_camera_runs(tasks: list[SequenceTask]) -> None:
 
 
 LAW, INTERVALS, MADE = "corrects for the noise of spikes", "needs intervals between spikes", "makes events of spikes"
-WORDS = {"photons": "single photons", "events": "events", "frames": "frames"}
+POLARITIES = "needs events with their polarities"
+WORDS = {"spikes": "spikes", "photons": "single photons", "events": "events", "frames": "frames"}
 REFUSED = {
-    "spikes": (), "photons": (LAW,), "events": (LAW, INTERVALS, MADE), "frames": (LAW, INTERVALS)
+    "spikes": (POLARITIES,), "photons": (LAW, POLARITIES), "events": (LAW, INTERVALS, MADE),
+    "frames": (LAW, INTERVALS, POLARITIES),
 }  # fmt: skip
 
 
 def _need(method: Method) -> str:
-    """Return what of spikes a method needs, or ''."""
+    """Return what a method needs of spikes or of events, or ''."""
+    if any(map(wants_polarities, nested_plugins(method.search))):
+        return POLARITIES
     name = split_options(method.measure_name)[0].removesuffix(NORMALISED_SUFFIX)
     if name in LAW_OF_SPIKES:
         return LAW
-    if name in EVENTS_OF_SPIKES:
+    if name in EVENTS_OF_SPIKES or _twin(method):
         return MADE
     return INTERVALS if wants_intervals(method.measure) else ""
+
+
+def _twin(method: Method) -> str:
+    """Return the search that takes events as they are, for one that makes them of spikes, or ''."""
+    return next((twin for plugin in nested_plugins(method.search) if (twin := TWINS.get(type(plugin).__name__))), "")
 
 
 def _kind(tasks: list[SequenceTask]) -> str:

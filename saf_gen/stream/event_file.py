@@ -287,6 +287,16 @@ class EventFile:
         pixel = held.y.astype(np.int64) * columns + held.x
         return np.bincount(pixel, minlength=rows * columns).astype(np.uint32).reshape(rows, columns)
 
+    def polarities(self, first_s: float, stop_s: float) -> np.ndarray:
+        """Return the events of each pixel in ``first_s <= t < stop_s``, uint32 (2, H, W): falls, then rises.
+
+        Raises what :meth:`events` raises.
+        """
+        held = self.events(first_s, stop_s)
+        _, rows, columns = self.shape
+        cell = ((held.p > 0) * np.int64(rows) + held.y) * columns + held.x
+        return np.bincount(cell, minlength=2 * rows * columns).astype(np.uint32).reshape(2, rows, columns)
+
     def counts_of_ms(self) -> np.ndarray:
         """Return the number of events in each millisecond, int64 (n,)."""
         return np.diff(np.append(self._index, np.uint64(self.count)).astype(np.int64))

@@ -141,6 +141,7 @@ def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24
+EVENT_STEP = 0.02  # change of a pixel, in parts of its mean, that makes an event
 
 
 def bell(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
@@ -205,6 +206,19 @@ class SyntheticRecording:
     def counts(self, first: int, stop: int) -> np.ndarray:
         mean, frames = self._look(first, stop)
         return np.rint(self._make_texture(mean, frames=frames)).astype(np.uint32)
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return what an event camera would report of the texture, whose contrast follows the curve."""
+        self._look(first, stop)
+        before, after = (self._level(frame) for frame in (max(first - 1, 0), stop - 1))
+        change = after - before
+        return np.stack([np.maximum(-change, 0), np.maximum(change, 0)]).astype(np.uint32)
+
+    def _level(self, frame: int) -> np.ndarray:
+        """Return the number of thresholds that each pixel has passed since it was even, 0 in the dark."""
+        value = float(self._sums[frame + 1] - self._sums[frame])
+        contrast = (value - self._lowest) / self._range if self._range and self._light else 0.0
+        return np.trunc(contrast * (sample_texture(*SIZE) - 1) / EVENT_STEP)
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)

@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from saf_gen.benchmark.view.restricted_view import MeteredScorer
+from saf_gen.benchmark.view.restricted_view import MeteredScorer, no_polarities
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.interval_texture import window_time_texture
 from saf_gen.stream.measure_input import Form
-from saf_gen.stream.recordings import Recording
+from saf_gen.stream.recordings import EventRecording, Recording
 
 KNOTS = 256
 """Maximum number of frames at which running sums are kept; there are fewer if they would exceed KNOT_BYTES."""
@@ -76,6 +76,18 @@ class WindowCounts:
         image = self._compute_once("intervals", self._compute_texture, window=window)
         self.textures_s += self._texture_seconds[window.start, window.stop]
         return image
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of a window, falls and then rises: uint32 (2, h, w), read-only.
+
+        Raises BadInput if the window is empty or extends beyond the recording, or the recording holds no events.
+        """
+        events, window = self._stream, validate_window(first, stop, total=self.frames)
+        if not isinstance(events, EventRecording):
+            raise no_polarities()
+        return self._compute_once(
+            "polarities", lambda a, b: events.polarities(a, b, region=self._region), window=window
+        )
 
     def _compute_once(self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range) -> np.ndarray:
         """Return the kept image of a window, or compute and keep it; beyond WINDOW_BYTES, drop the longest unused."""
@@ -202,6 +214,16 @@ class RecordingView:
         window = validate_window(first, stop, total=self.frames)
         self.now = max(self.now, window.stop)
         return self.scorer.look(self._counts, first=window.start, stop=window.stop)
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop``, falls and then rises: uint32 (2, h, w), read-only.
+
+        Raises BadInput if the window is empty or outside the recording, or the recording holds no events.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        events = self.scorer.look_at_polarities(self._counts, first=window.start, stop=window.stop)
+        self.now = max(self.now, window.stop)
+        return events
 
 
 def _refuse_lens_command(what: str) -> BadInput:

@@ -1,7 +1,7 @@
 """The boundary between a view and a method: it gives access to the members of View only, and measures the cost."""
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -64,6 +64,10 @@ class RestrictedView:
         """Return the spike counts of frames ``first <= t < stop``; raises what the view raises."""
         return self._within.time(self._view.counts, first, stop)
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop``, falls and then rises; raises what the view raises."""
+        return self._within.time(self._view.polarities, first, stop)
+
     def position(self, frame: int) -> float:
         """Return the lens position that was read at a frame, a fraction of the travel."""
         return self._within.time(self._view.position, frame)
@@ -88,6 +92,22 @@ class TimedWindowSource(WindowSource, Protocol):
     """
 
     textures_s: float
+
+
+@runtime_checkable
+class PolaritySource(Protocol):
+    """A source of windows that knows the polarities of events."""
+
+    def polarities(self, first: int, stop: int) -> np.ndarray: ...
+
+
+def no_polarities() -> BadInput:
+    """Return the error for a method that asks a camera for polarities which has none."""
+    return BadInput(
+        "this camera has no events, and so no polarities",
+        allowed="polarities of an event camera",
+        hint="use view.counts, or record events with saf-gen recapture",
+    )
 
 
 class MeteredScorer:
@@ -152,10 +172,13 @@ class MeteredScorer:
         before = source.textures_s
         image = measure_input(source, form, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
+        self._charge(image, cost=cost)
+        return image
+
+    def _charge(self, image: np.ndarray, *, cost: float | None) -> None:
         self.windows += 1
         pixels = image.shape[-2] * image.shape[-1]
         self.operations += pixels * (cost or 0.0) + (self.cost.known().window or 0.0)
-        return image
 
     def look(self, source: TimedWindowSource, *, first: int, stop: int) -> np.ndarray:
         """Return the counts of frames ``first <= t < stop``, uint32 (h, w), read-only."""
@@ -163,6 +186,19 @@ class MeteredScorer:
         counts = self._image(source, "counts", first=first, stop=stop, cost=self.cost.known().look)
         counts.flags.writeable = False
         return counts
+
+    def look_at_polarities(self, source: object, *, first: int, stop: int) -> np.ndarray:
+        """Return the events of frames ``first <= t < stop``, falls and then rises: uint32 (2, h, w), read-only.
+
+        They cost as much as counts. Raises BadInput if the source holds no events.
+        """
+        if not isinstance(source, PolaritySource):
+            raise no_polarities()
+        events = source.polarities(first, stop)
+        self.note_look()
+        self._charge(events, cost=self.cost.known().look)
+        events.flags.writeable = False
+        return events
 
     def note_look(self) -> None:
         """Note that the method looked at counts itself."""

@@ -264,6 +264,15 @@ class RunningCamera:
         self._compute()
         return counts
 
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of a window, after running the camera: uint32 (2, h, w), falls and then rises, read-only.
+
+        Raises what :meth:`counts` raises, and BadInput if the camera is no event camera.
+        """
+        events = self.scorer.look_at_polarities(self.run_until(first, stop), first=first, stop=stop)
+        self._compute()
+        return events
+
     def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return frames ``first <= t < stop`` as a measure is called with them; raises what :meth:`counts` raises."""
         image = self.scorer.image(self.run_until(first, stop), form, first=first, stop=stop)
@@ -395,6 +404,14 @@ class SweepView:
         """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
+
+    def polarities(self, first: int, stop: int) -> np.ndarray:
+        """Return the events of a window of the sweep: uint32 (2, h, w), falls and then rises, read-only.
+
+        Raises what :meth:`counts` raises, and BadInput if the camera is no event camera.
+        """
+        window = validate_window(first, stop, total=self.frames)
+        return self._camera.polarities(self._offset + window.start, self._offset + window.stop)
 
     def image(self, form: Form, *, first: int, stop: int) -> np.ndarray:
         """Return a window of the sweep as a measure is called with it; raises what :meth:`counts` raises."""
