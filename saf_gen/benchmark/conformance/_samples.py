@@ -212,7 +212,9 @@ class SyntheticRecording:
         self._look(first, stop)
         before, after = (self._level(frame) for frame in (max(first - 1, 0), stop - 1))
         change = after - before
-        return np.stack([np.maximum(-change, 0), np.maximum(change, 0)]).astype(np.uint32)
+        events = np.stack([np.maximum(-change, 0), np.maximum(change, 0)]).astype(np.uint32)
+        events.flags.writeable = False
+        return events
 
     def _level(self, frame: int) -> np.ndarray:
         """Return the number of thresholds that each pixel has passed since it was even, 0 in the dark."""

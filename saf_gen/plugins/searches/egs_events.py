@@ -25,7 +25,7 @@ class GoldenSearchEvents:
 
     Windows are whole frames, in which a view counts: an event counts as at its frame. With times rounded down to
     frames, the steps are those of the released code, event by event; times in microseconds move the ends of an
-    interval by a frame or two, and change the choice only where the scores of both windows are that close. Where the
+    interval by a few frames, and change the choice only where the scores of both windows are that close. Where the
     later half of a window has no event, the released code may take the answer of the other one; this search takes the
     next event.
 
