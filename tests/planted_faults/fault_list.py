@@ -296,6 +296,14 @@ FAULTS = {
             "camera/test_events.py::test_a_step_has_all_its_events_when_it_happens",
         ),
     ),
+    "polarities swapped": Fault(
+        "A search sees the rises of an event camera as falls.",
+        (Change("stream.event_file", "(held.p > 0)", "(held.p == 0)"),),
+        (
+            "plugins/test_searches_on_events.py::test_consecutive_windows_share_no_polarity_and_their_sum_is_the_count",
+            "benchmark/test_guests_on_events.py::test_a_guest_sees_the_polarities_that_a_search_of_ours_sees",
+        ),
+    ),
     "dim light at once": Fault(
         "The photoreceptor of an event camera follows dim light as fast as bright light.",
         (Change("camera.events.kernel", "receptor_s + receptor_e / mean", "receptor_s + receptor_e / 1e6"),),

@@ -59,7 +59,7 @@ class ElpEvents:
     def __call__(self, view: View) -> Answer:
         """Return the answer for a sweep; raise BadInput if it is shorter than one block, or not of events."""
         check_windows_fit(view, "window", frames=self.window)
-        total: np.ndarray | float = 0.0
+        total: np.ndarray = np.zeros(())
         raw: list[float] = []
         filtered: list[float] = []
         begins: list[int] = []
