@@ -231,10 +231,11 @@ class View(Protocol):
         ...
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return the events of frames ``first <= t < stop`` in the region by polarity, if an event camera made them.
+        """Return the events of frames ``first <= t < stop`` in the region, the falls of the light and then its rises.
 
-        It takes as much camera time as ``score``. Their sum is ``counts``. A search that cannot do without states
-        ``polarities = True``.
+        The first index is the polarity as event files store it: 0 for events of darker light, 1 for those of brighter
+        light. Their sum over it is what ``counts`` returns. It takes as much camera time as ``counts``, and costs as
+        much. Only an event camera has events; a search that cannot do without them says so (``polarities = True``).
 
         Parameters
         ----------
@@ -244,12 +245,12 @@ class View(Protocol):
         Returns
         -------
         ndarray of uint32, shape (2, row, col)
-            Falls of the light, and then rises, per pixel in the window, read-only.
+            Events per pixel in the window: darker, brighter; read-only.
 
         Raises
         ------
         BadInput
-            If the camera sees spikes, photons or frames, which have no polarity.
+            If the camera is no event camera.
         """
         ...
 
@@ -314,7 +315,7 @@ def commands(search: object) -> bool:
 
 
 def wants_polarities(search: object) -> bool:
-    """Return whether a search needs events by polarity (``polarities = True``) and therefore an event camera."""
+    """Return whether a search needs events with their polarities (attribute ``polarities``)."""
     return bool(getattr(search, "polarities", False))
 
 
@@ -369,7 +370,7 @@ class Search(Protocol):
     measures : tuple of str, optional
         Names of the focus measures that the search uses in addition to the method's.
     polarities : bool, optional
-        Whether the search needs events by polarity; it is then refused where recordings hold none.
+        Whether the search needs ``view.polarities``; it is then refused where there are no events.
     causal : bool, optional
         Whether the search can stop before the sweep ends; the conformance checks require this attribute.
     cost : float, optional

@@ -18,11 +18,8 @@ LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "st
 of single photons and of events share nothing, so that the same addend would be taken for contrast."""
 EVENTS_OF_SPIKES = frozenset({"change_rate"})
 """Measures that make events of spikes, and mean nothing where there are events."""
-NOT_ON_EVENTS = {
-    "pbf": "makes events of differences of counts",
-    "elp": "needs pictures beside the events, which an event file has not",
-}
-"""Searches that mean nothing where there are events, each with the reason."""
+TWINS = {"Pbf": "pbf_events", "Elp": "elp_events"}
+"""Searches that make events of spikes, each with the search that takes events as they are."""
 
 
 def keep_those_that_suit(
@@ -44,7 +41,7 @@ def keep_those_that_suit(
     Raises
     ------
     BadInput
-        If a named method needs what the camera of the recordings does not see.
+        If a named method needs spikes, or events, and the recordings hold something else.
     """
     needs = {name: need for name, method in methods.items() if (need := _needs(method))}
     kind = _kind(tasks) if needs or not asked else "spikes"
@@ -59,47 +56,46 @@ def keep_those_that_suit(
     fit = {name: method for name, method in methods.items() if name not in unfit}
     if asked or not fit:
         name, reason = next(iter(unfit.items()))
+        allowed, hint = INSTEAD.get(reason, COUNTS)
+        twin = _twin(methods[name])
         raise BadInput(
-            f"{name} {reason}, and these recordings hold {WORDS[kind]}",
-            allowed=INSTEAD.get(reason, COUNTS),
-            hint="leave the method out",
-        )
+            f"{name} {reason}, and these recordings hold {WORDS[kind]}", allowed=allowed,
+            hint=f"use {twin}" if reason == MADE and twin else hint,
+        )  # fmt: skip
     tell(f"left out, because these recordings hold {WORDS[kind]}: {', '.join(unfit)}")
     return fit
 
 
 LAW, INTERVALS, MADE = "corrects for the noise of spikes", "needs intervals between spikes", "makes events of spikes"
-POLARITY = "needs polarities"
+POLARITIES = "needs events with their polarities"
 WORDS = {"spikes": "spikes", "photons": "single photons", "events": "events", "frames": "frames"}
 REFUSED = {
-    "spikes": (POLARITY,),
-    "photons": (LAW, POLARITY),
-    "events": (LAW, INTERVALS, MADE, *NOT_ON_EVENTS.values()),
-    "frames": (LAW, INTERVALS, POLARITY),
-}
-COUNTS = "a measure of counts that corrects for no spikes, such as sd or er_count"
+    "spikes": (POLARITIES,), "photons": (LAW, POLARITIES), "events": (LAW, INTERVALS, MADE),
+    "frames": (LAW, INTERVALS, POLARITIES),
+}  # fmt: skip
+COUNTS = "a measure of counts that corrects for no spikes, such as sd or er_count", "leave the method out"
 INSTEAD = {
-    POLARITY: "recordings of an event camera, as saf-gen recapture makes them",
-    NOT_ON_EVENTS["pbf"]: "pbf_events, which takes the polarities themselves",
-    NOT_ON_EVENTS["elp"]: "searches of events alone, such as egs_code and pbf_events",
+    POLARITIES: ("recordings of an event camera", "record events with saf-gen recapture"),
+    MADE: ("methods that take events as they are", "leave the method out"),
 }
-"""What may be used where a method is refused, by the reason; else COUNTS."""
+"""What may be used where a method is refused, and the next step, by the reason; else COUNTS."""
 
 
 def _needs(method: Method) -> list[str]:
     """Return why some cameras do not suit a method."""
     name = split_options(method.measure_name)[0].removesuffix(NORMALISED_SUFFIX)
-    return [
-        reason
-        for reason, applies in (
-            (LAW, name in LAW_OF_SPIKES),
-            (MADE, name in EVENTS_OF_SPIKES),
-            (INTERVALS, wants_intervals(method.measure)),
-            (POLARITY, any(map(wants_polarities, nested_plugins(method.search)))),
-            (NOT_ON_EVENTS.get(method.search_name, ""), method.search_name in NOT_ON_EVENTS),
-        )
-        if applies
-    ]
+    reasons = {
+        POLARITIES: any(map(wants_polarities, nested_plugins(method.search))),
+        LAW: name in LAW_OF_SPIKES,
+        MADE: name in EVENTS_OF_SPIKES or bool(_twin(method)),
+        INTERVALS: wants_intervals(method.measure),
+    }
+    return [reason for reason, applies in reasons.items() if applies]
+
+
+def _twin(method: Method) -> str:
+    """Return the search that takes events as they are, for one that makes them of spikes, or ''."""
+    return next((twin for plugin in nested_plugins(method.search) if (twin := TWINS.get(type(plugin).__name__))), "")
 
 
 def _kind(tasks: list[SequenceTask]) -> str:

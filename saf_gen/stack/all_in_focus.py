@@ -196,7 +196,7 @@ class AllInFocus:
             )
         planes = PlaneSource.from_folder(TimeResolvedStack((0,), (self.spec,)), self.stacks)
         capture, at = self.capture, np.array([self.capture.truth.position])
-        return SharpPictures(planes, capture.plane_source, capture.sensor, capture.exposure, at)[0]
+        return SharpPictures(planes, capture.plane_source, capture.bit_sensor, capture.exposure, at)[0]
 
 
 def load_all_in_focus(stream: SpikeStream, stacks: str | Path) -> np.ndarray:

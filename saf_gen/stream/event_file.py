@@ -245,11 +245,14 @@ class EventFile(CheckedFile):
         return total
 
     def polarities(self, first_s: float, stop_s: float) -> np.ndarray:
-        """Return the falls, and then the rises, of each pixel in ``first_s <= t < stop_s``, uint32 (2, H, W)."""
+        """Return the events of each pixel in ``first_s <= t < stop_s``, uint32 (2, H, W): falls, then rises.
+
+        Raises what :meth:`events` raises.
+        """
         held = self.events(first_s, stop_s)
         _, rows, columns = self.shape
-        index = ((held.p != 0) * np.int64(rows) + held.y) * columns + held.x
-        return np.bincount(index, minlength=2 * rows * columns).astype(np.uint32).reshape(2, rows, columns)
+        cell = ((held.p > 0) * np.int64(rows) + held.y) * columns + held.x
+        return np.bincount(cell, minlength=2 * rows * columns).astype(np.uint32).reshape(2, rows, columns)
 
     def counts_of_ms(self) -> np.ndarray:
         """Return the number of events in each millisecond, int64 (n,)."""

@@ -64,13 +64,13 @@ class EventRecording:
         return self._events.counts(window.start / self.readout_hz, window.stop / self.readout_hz)[part]
 
     def polarities(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
-        """Return the falls, and then the rises, of the light of each pixel in such readouts: uint32 (2, h, w).
+        """Return the events of each pixel in readouts ``first <= t < stop``: uint32 (2, h, w), falls and then rises.
 
-        Raises what :meth:`counts` raises.
+        Raises BadInput if the window is empty or leaves the recording, or the region leaves the frame.
         """
         window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
-        part = validate_region(region, self.shape[1:], where=str(self.path))
-        return self._events.polarities(window.start / self.readout_hz, window.stop / self.readout_hz)[:, *part]
+        rows, columns = validate_region(region, self.shape[1:], where=str(self.path))
+        return self._events.polarities(window.start / self.readout_hz, window.stop / self.readout_hz)[:, rows, columns]
 
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> NoReturn:
         """Raise BadInput, because an event camera has no frames."""

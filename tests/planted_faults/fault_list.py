@@ -331,12 +331,12 @@ FAULTS = {
             "camera/test_events.py::test_a_step_has_all_its_events_when_it_happens",
         ),
     ),
-    "rises counted as falls": Fault(
-        "A method gets the rises of the light for its falls, and its falls for its rises.",
-        (Change("stream.event_file", "(held.p != 0)", "(held.p == 0)"),),
+    "polarities swapped": Fault(
+        "A search sees the rises of an event camera as falls.",
+        (Change("stream.event_file", "(held.p > 0)", "(held.p == 0)"),),
         (
-            "benchmark/test_polarities.py::test_polarities_are_the_events_one_by_one",
-            "benchmark/test_polarities.py::test_a_guest_sees_what_a_method_of_ours_sees",
+            "plugins/test_searches_on_events.py::test_consecutive_windows_share_no_polarity_and_their_sum_is_the_count",
+            "benchmark/test_guests_on_events.py::test_a_guest_sees_the_polarities_that_a_search_of_ours_sees",
         ),
     ),
     "pixels forget": Fault(

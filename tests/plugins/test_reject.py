@@ -9,11 +9,12 @@ from refusals import refusal
 from saf_gen import get_search
 from saf_gen.benchmark.conformance import check_search
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.parts import commands
+from saf_gen.parts import commands, wants_polarities
 from saf_gen.plugins.searches import search_names
 
 FRAMES = 4000
-ESTIMATING = [name for name in search_names() if not commands(get_search(name))]
+ESTIMATING = [name for name in search_names() if not commands(s := get_search(name)) and not wants_polarities(s)]
+"""Searches that estimate on the sweeps here, which are of spikes."""
 ANSWER_ANYTHING = ["argmax", "egs", "egs_code", "naive", "sgfs_causal", "sgfs_code"]
 
 

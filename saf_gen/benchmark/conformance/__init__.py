@@ -22,10 +22,10 @@ from saf_gen.benchmark.conformance._check_runner import (
 from saf_gen.benchmark.conformance._samples import BEST_FOCUS, write_recordings
 from saf_gen.benchmark.conformance.estimating_search_checks import estimating_checks, recording_length
 from saf_gen.benchmark.conformance.measure_checks import measure_checks
-from saf_gen.benchmark.method_spec import Half, Method, build_method, find_plugin, resolve_name
+from saf_gen.benchmark.method_spec import Half, Method, build_method, find_plugin, nested_plugins, resolve_name
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.finding import Finding
-from saf_gen.parts import Answer, Measure, Search, commands
+from saf_gen.parts import Answer, Measure, Search, commands, wants_polarities
 from saf_gen.stream.stream_file import open_stream
 
 __all__ = ["CheckLimits", "check_by_name", "check_measure", "check_method", "check_parts", "check_search", "find_parts"]
@@ -104,6 +104,9 @@ def check_method(method: Method, limits: CheckLimits = LIMITS) -> Iterator[Findi
             yield result
     if failed:
         yield Finding("whole", "warning", "not run: the measure or the search fails", "correct that first", "method")
+        return
+    if any(map(wants_polarities, nested_plugins(method.search))):
+        yield Finding("whole", "ok", "not run: the samples are of a spike camera, and it needs events", "", "method")
         return
     yield from run_checks("method", _method_checks(method, limits), limits=limits)
 

@@ -141,7 +141,7 @@ def _charge(radiance: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 MEAN_RATE = 0.2  # spikes per pixel and readout
 SIZE = 16, 24
-CONTRAST = 0.02  # change of the logarithm of the light that makes an event
+EVENT_STEP = 0.02  # change of a pixel, in parts of its mean, that makes an event
 
 
 def bell(frames: int, peak: float, *, width: float = 0.1) -> np.ndarray:
@@ -208,13 +208,19 @@ class SyntheticRecording:
         return np.rint(self._make_texture(mean, frames=frames)).astype(np.uint32)
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return what an event camera would see of the change of the texture over the window, with CONTRAST."""
+        """Return what an event camera would report of the texture, whose contrast follows the curve."""
         self._look(first, stop)
-        ends = (self._sums[t + 1] - self._sums[t] for t in (first, stop - 1))
-        before, after = (self._make_texture(float(value), frames=1) for value in ends)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = np.nan_to_num((np.log(after) - np.log(before)) / CONTRAST, posinf=0.0, neginf=0.0)
-        return np.stack([np.maximum(-change, 0), np.maximum(change, 0)]).astype(np.uint32)
+        before, after = (self._level(frame) for frame in (max(first - 1, 0), stop - 1))
+        change = after - before
+        events = np.stack([np.maximum(-change, 0), np.maximum(change, 0)]).astype(np.uint32)
+        events.flags.writeable = False
+        return events
+
+    def _level(self, frame: int) -> np.ndarray:
+        """Return the number of thresholds that each pixel has passed since it was even, 0 in the dark."""
+        value = float(self._sums[frame + 1] - self._sums[frame])
+        contrast = (value - self._lowest) / self._range if self._range and self._light else 0.0
+        return np.trunc(contrast * (sample_texture(*SIZE) - 1) / EVENT_STEP)
 
     def position(self, frame: int) -> float:
         validate_window(frame, frame + 1, total=self.frames)

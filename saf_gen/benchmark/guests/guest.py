@@ -57,6 +57,8 @@ class Guest:
         The measure and the search with every option.
     commands : bool
         Whether its search commands the lens.
+    polarities : bool
+        Whether its search needs events with their polarities.
     files : list of (str, str)
         Name and digest of each file that the method read while it was loaded.
     read_late : set of (str, str)
@@ -82,6 +84,7 @@ class Guest:
         self._process: GuestProcess | None = None
         self._lost = ""  # why it ended while it was loaded; it is then not started again
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
+        self.polarities = False
         self.search_options, self.measure = dict[str, Any](), dict[str, bool]()
         self.cost = DeclaredCost()
         self._own, self._packages = {Path(file) for file in spec.files}, list[Path]()
@@ -100,6 +103,7 @@ class Guest:
     def _describe(self, hello: dict[str, Any]) -> None:
         try:
             self.parameters, self.commands = self._as_written(str(hello["parameters"])), bool(hello["commands"])
+            self.polarities = bool(hello["polarities"])
             self.plugins = list(hello["plugins"])
             self.cost = DeclaredCost(*(number_or_none(hello["cost"][name]) for name in ("measure", "window", "look")))
             self.search_options = {str(name): value for name, value in hello["search_options"].items()}

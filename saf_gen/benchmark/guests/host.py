@@ -40,7 +40,7 @@ SEND_S = 5.0
 """Time within which a guest reads a message."""
 PINGS = 11
 """Messages that are sent to measure how long one takes, and once more for each size of image."""
-FORMS = ("counts", "halves", "intervals")
+FORMS = ("counts", "halves", "intervals", "polarities")
 MIN_RESIDENT_BYTES = 1 << 28
 """Lowest limit of memory: Python, numpy and this package take a third of it."""
 MAX_OPENED, MAX_PATH_CHARACTERS = 1_000, 4_096
@@ -91,6 +91,7 @@ class GuestPart:
 
     text: str
     commands: bool = False
+    polarities: bool = False
 
     def __repr__(self) -> str:
         return self.text
@@ -259,11 +260,10 @@ class GuestProcess:
                 form = request["image"]
                 if form not in FORMS:
                     raise GuestLost(f"its process asked for an image of the form {form!r:.40}")
-                image = view.image(form, first=request["first"], stop=request["stop"])
+                first, stop = request["first"], request["stop"]
+                seen = form == "polarities"
+                image = view.polarities(first, stop) if seen else view.image(form, first=first, stop=stop)
                 return {"now": view.now, **self._memory.write(image)}
-            if "polarities" in request:
-                events = view.polarities(request["polarities"], request["stop"])
-                return {"now": view.now, **self._memory.write(events)}
             if "position" in request:
                 position = view.position(request["position"])
                 return {"position": position, "positions": self._memory.write(view.positions(int(request["known"])))}

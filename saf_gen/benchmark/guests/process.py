@@ -101,15 +101,12 @@ class RemoteView:
         return counts
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        events = self._window({"polarities": _whole(first), "stop": _whole(stop)})
+        events = self._image("polarities", first=first, stop=stop)
         self.scorer.note_look()
         return events
 
     def _image(self, form: str, *, first: int, stop: int) -> np.ndarray:
-        return self._window({"image": form, "first": _whole(first), "stop": _whole(stop)})
-
-    def _window(self, request: dict[str, Any]) -> np.ndarray:
-        reply = self._line.ask(request)
+        reply = self._line.ask({"image": form, "first": _whole(first), "stop": _whole(stop)})
         self.now = reply["now"]
         self.scorer.windows += 1
         return self._line.memory.read(reply)
@@ -294,7 +291,7 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
     from saf_gen.core.config.source_digest import class_source_files
     from saf_gen.core.user_code import user_code
     from saf_gen.errors import BadInput
-    from saf_gen.parts import commands
+    from saf_gen.parts import commands, wants_polarities
 
     try:
         with user_code():
@@ -303,6 +300,7 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
             hello = {
                 "parameters": method.parameters,
                 "commands": commands(method.search),
+                "polarities": any(map(wants_polarities, nested_plugins(method.search))),
                 "search_options": _plain_options(options_of(method.search)),
                 "measure": {key: bool(getattr(method.measure, key, False)) for key in ("halves", "intervals", "timed")},
                 "cost": asdict(declared_cost(method.measure, method.search)),

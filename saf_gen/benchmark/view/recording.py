@@ -78,15 +78,15 @@ class WindowCounts:
         return image
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return the falls, and then the rises, of a window of a recording of events: uint32 (2, h, w), read-only.
+        """Return the events of a window, falls and then rises: uint32 (2, h, w), read-only.
 
-        Raises BadInput if the recording holds no events, or the window is empty or extends beyond it.
+        Raises BadInput if the window is empty or extends beyond the recording, or the recording holds no events.
         """
-        stream, window = self._stream, validate_window(first, stop, total=self.frames)
-        if not isinstance(stream, EventRecording):
+        events, window = self._stream, validate_window(first, stop, total=self.frames)
+        if not isinstance(events, EventRecording):
             raise no_polarities()
         return self._compute_once(
-            "polarities", lambda a, b: stream.polarities(a, b, region=self._region), window=window
+            "polarities", lambda a, b: events.polarities(a, b, region=self._region), window=window
         )
 
     def _compute_once(self, kind: str, compute: Callable[[int, int], np.ndarray], *, window: range) -> np.ndarray:
@@ -216,9 +216,9 @@ class RecordingView:
         return self.scorer.look(self._counts, first=window.start, stop=window.stop)
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return the events of frames ``first <= t < stop`` by polarity: uint32 (2, h, w), read-only.
+        """Return the events of frames ``first <= t < stop``, falls and then rises: uint32 (2, h, w), read-only.
 
-        Raises BadInput if the recording holds no events, or the window is empty or outside the recording.
+        Raises BadInput if the window is empty or outside the recording, or the recording holds no events.
         """
         window = validate_window(first, stop, total=self.frames)
         events = self.scorer.look_at_polarities(self._counts, first=window.start, stop=window.stop)

@@ -65,7 +65,7 @@ class RestrictedView:
         return self._within.time(self._view.counts, first, stop)
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return the events of frames ``first <= t < stop`` by polarity; raises what the view raises."""
+        """Return the events of frames ``first <= t < stop``, falls and then rises; raises what the view raises."""
         return self._within.time(self._view.polarities, first, stop)
 
     def position(self, frame: int) -> float:
@@ -99,9 +99,11 @@ class TimedWindowSource(WindowSource, Protocol):
 
 
 def no_polarities() -> BadInput:
-    """Return the error for what has no polarity."""
+    """Return the error for a method that asks a camera for polarities which has none."""
     return BadInput(
-        "spikes, photons and frames have no polarity", allowed="polarities of an event camera", hint="use counts"
+        "this camera has no events, and so no polarities",
+        allowed="polarities of an event camera",
+        hint="use view.counts, or record events with saf-gen recapture",
     )
 
 
@@ -167,10 +169,10 @@ class MeteredScorer:
         before = source.textures_s
         image = measure_input(source, form, first=first, stop=stop)
         self.add_seconds(source.textures_s - before)
-        self._charge(image, cost)
+        self._charge(image, cost=cost)
         return image
 
-    def _charge(self, image: np.ndarray, cost: float | None) -> None:
+    def _charge(self, image: np.ndarray, *, cost: float | None) -> None:
         self.windows += 1
         pixels = image.shape[-2] * image.shape[-1]
         self.operations += pixels * (cost or 0.0) + (self.cost.known().window or 0.0)
@@ -183,13 +185,13 @@ class MeteredScorer:
         return counts
 
     def look_at_polarities(self, source: TimedWindowSource, *, first: int, stop: int) -> np.ndarray:
-        """Return the events of frames ``first <= t < stop`` by polarity, uint32 (2, h, w), read-only; costs a look.
+        """Return the events of frames ``first <= t < stop``, falls and then rises: uint32 (2, h, w), read-only.
 
-        Raises BadInput if the source holds no events.
+        They cost as much as counts. Raises BadInput if the source holds no events.
         """
-        self.note_look()
         events = source.polarities(first, stop)
-        self._charge(events, self.cost.known().look)
+        self.note_look()
+        self._charge(events, cost=self.cost.known().look)
         events.flags.writeable = False
         return events
 

@@ -269,9 +269,9 @@ class RunningCamera:
         return counts
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return the events of frames ``first <= t < stop`` by polarity: uint32 (2, h, w), read-only.
+        """Return the events of a window, after running the camera: uint32 (2, h, w), falls and then rises, read-only.
 
-        Raises BadInput if it is no event camera, and what :meth:`counts` raises.
+        Raises what :meth:`counts` raises, and BadInput if the camera is no event camera.
         """
         events = self.scorer.look_at_polarities(self.run_until(first, stop), first=first, stop=stop)
         self._compute()
@@ -410,9 +410,9 @@ class SweepView:
         return self._camera.counts(self._offset + window.start, self._offset + window.stop)
 
     def polarities(self, first: int, stop: int) -> np.ndarray:
-        """Return the events of a window of the sweep by polarity: uint32 (2, h, w), read-only.
+        """Return the events of a window of the sweep: uint32 (2, h, w), falls and then rises, read-only.
 
-        Raises BadInput if it is no event camera, and what :meth:`counts` raises.
+        Raises what :meth:`counts` raises, and BadInput if the camera is no event camera.
         """
         window = validate_window(first, stop, total=self.frames)
         return self._camera.polarities(self._offset + window.start, self._offset + window.stop)

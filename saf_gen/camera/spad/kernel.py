@@ -163,7 +163,7 @@ def _decide(word: Any, undecided: Any, known: Any, keys: Any, planes: Any, photo
         lane, i = place // L, place & (L - ONE)
         drawn = _mixed((keys[i] ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
         row, bit = (lane >> U(5)) * L + i, lane & U(31)
-        for k in range(EIGHT):
+        for k in range(U(8)):
             drawn |= ((U(planes[k * HALF * L + row]) >> bit) & ONE) << (k + U(24))
         here = photons[place]
         below = np.float64(np.int64(drawn)) < np.float64(_detected(here)) * 2.0**32

@@ -1,4 +1,4 @@
-"""Mirrored polarities of an event camera: falls before the focus mirror rises after it, as the two are counted."""
+"""Mirrored polarities of an event camera: before the focus, one polarity mirrors the other one after it."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -7,23 +7,23 @@ import numpy as np
 
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit
+from saf_gen.plugins.searches.pbf import mirror_centre
 
 
 @dataclass(frozen=True)
 class PbfEvents:
-    """Answers with the centre about which the rates of rises and of falls of an event camera mirror each other best.
+    """Answers with the centre about which the rates of brighter and of darker events mirror each other best.
 
-    It is ``pbf`` on events as they are: the rates of the two polarities, in events per pixel and block of ``window``
-    frames, instead of the changes of a pixel's log counts. The centre t has the largest
+    This is ``pbf`` for an event camera, as it was published: the rates of the two polarities are those of the events
+    themselves, per pixel and block of ``window`` frames, not of differences of spike counts. A name of its own keeps
+    the digest of ``pbf``, and with it the rows of older evaluations. The answer is the centre t with the largest
+    Σ_τ p(t − τ)·n(t + τ), with the means subtracted, as ``pbf`` says; the sum and the means are this project's.
 
-        Σ_τ p(t − τ)·n(t + τ)
+    Published lamps are constant. Where the light rises or falls, one polarity follows the lamp and not the lens, and
+    nothing here tells the two apart.
 
-    of the rates p of rises and n of falls, both less their means, as the docstring of ``pbf`` derives; the published
-    formula was not at hand. The means also take away the events of leaks, which are all rises.
-
-    The search takes no score, so it does not matter which measure precedes it. It looks at the entire sweep, and
-    abstains if it has no event of one polarity. The trace holds the answer alone, in frames from 0. Its file is not
-    that of ``pbf``, so that the digest of that one's code, and the rows of older evaluations, stay as they are.
+    The search looks at events and takes no score, so it does not matter which measure precedes it. It looks at the
+    entire sweep, and abstains if one polarity has no event. The trace holds the answer alone, in frames from 0.
 
     References
     ----------
@@ -40,12 +40,12 @@ class PbfEvents:
         check_frame_count("window", self.window)
 
     def __call__(self, view: View) -> Answer:
-        """Return the answer for a recording of events; raise BadInput if it is shorter than one block."""
+        """Return the answer for a recording; raise BadInput if it is shorter than one block, or not of events."""
         check_windows_fit(view, "window", frames=self.window)
         firsts = range(0, view.frames - self.window + 1, self.window)
-        falls, rises = np.array([view.polarities(first, first + self.window).mean(axis=(1, 2)) for first in firsts]).T
-        if not (falls.any() and rises.any()):
+        rates = np.array([view.polarities(first, first + self.window).mean(axis=(1, 2)) for first in firsts])
+        darker, brighter = rates.T
+        if not (darker.any() and brighter.any()):
             return Answer(None, (), "no events of both polarities")
-        sums = np.convolve(rises - rises.mean(), falls - falls.mean())  # of all centres, in halves of a block
-        frame = float(sums.argmax() / 2 * self.window + (self.window - 1) / 2)
+        frame = float((self.window - 1) / 2 + mirror_centre(brighter, darker) * self.window)
         return Answer(frame, (frame,))
