@@ -242,7 +242,8 @@ def expose_clocked(
     fewest, largest = np.zeros(9 * LANES, np.float32), np.zeros(9 * LANES, np.float32)
     least, most = np.zeros(2 * LANES, np.uint32), np.zeros(2 * LANES, np.uint32)
     ones, undecided = np.zeros(2 * LANES, np.uint32), np.zeros(2 * LANES, np.uint32)
-    listed = np.zeros(LANES * LANES, np.uint16)
+    listed, firsts = np.zeros(LANES * LANES, np.uint16), np.zeros(LANES, np.uint64)
+    some = ZERO if waits is None else U(np.ceil(waits[LANES] * 2.0**53))  # below it, a word has at least one pulse
     for block in range(U(first), U(stop)):
         start = block * L
         width = min(L, pixels - start)
@@ -302,10 +303,13 @@ def expose_clocked(
                 bits[i] = (U(ones[i]) | (U(ones[L + i]) << U(32))) & known
             _decide(word, undecided, known, keys, planes, photons, listed, bits)
             if waits is not None:
+                for i in range(L):
+                    firsts[i] = _mixed((keys[i] ^ PULSE) + word * L * GOLDEN) >> U(11)
                 for i in range(width):
-                    pulses = _pulses(keys[i], word, waits)
-                    if pulses != ZERO:
+                    if firsts[i] < some:
+                        pulses = _pulses(keys[i], word, waits)
                         bits[i] = _followed(bits[i], pulses, fired[start + i], skipped, lanes)
+                for i in range(width):
                     fired[start + i] = bits[i] >> (lanes - ONE)
             column = (word * L + skipped - start_frame) // EIGHT
             if skipped == ZERO and ends == EIGHT:
