@@ -57,7 +57,7 @@ class GoldenSearchEvents:
         while (width := last - first) > 0:
             delta = width * RATIO
             begins = float(first), first + width * SECOND
-            better = 0 if _rate(view, begins[0], delta) >= _rate(view, begins[1], delta) else 1
+            better = 0 if _rate(view, begins[0], width=delta) >= _rate(view, begins[1], width=delta) else 1
             begin = begins[better]
             answer = _next_event(view, math.ceil(begin + delta / 2)) or last
             if width <= self.threshold_s * view.readout_hz:
@@ -69,9 +69,9 @@ class GoldenSearchEvents:
         return Answer(float(answer), tuple(trace))
 
 
-def _rate(view: View, begin: float, delta: float) -> float:
-    """Return the score of the events after ``begin`` and not after ``begin + delta``, in frames; 0 without a frame."""
-    first, stop = math.floor(begin) + 1, math.floor(begin + delta) + 1
+def _rate(view: View, begin: float, *, width: float) -> float:
+    """Return the score of the events after ``begin`` and not after ``begin + width``, in frames; 0 without a frame."""
+    first, stop = math.floor(begin) + 1, math.floor(begin + width) + 1
     return view.score(first, stop) if first < stop else 0.0
 
 

@@ -9,7 +9,10 @@ from scipy.ndimage import convolve, median_filter
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._windows import check_frame_count, check_numbers, check_windows_fit
-from saf_gen.plugins.searches.elp import GREY, LAPLACIAN
+
+GREY = 128.0
+"""Mean of a picture, in levels of 0 to 255, as in ``elp``."""
+LAPLACIAN = np.array([[0, 1, 0], [1, -4, 1], [0, 1, 0]], dtype=np.float64)
 
 
 @dataclass(frozen=True)

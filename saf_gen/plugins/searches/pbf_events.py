@@ -7,7 +7,6 @@ import numpy as np
 
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._windows import check_frame_count, check_windows_fit
-from saf_gen.plugins.searches.pbf import mirror_centre
 
 
 @dataclass(frozen=True)
@@ -47,5 +46,6 @@ class PbfEvents:
         darker, brighter = rates.T
         if not (darker.any() and brighter.any()):
             return Answer(None, (), "no events of both polarities")
-        frame = float((self.window - 1) / 2 + mirror_centre(brighter, darker) * self.window)
+        sums = np.convolve(brighter - brighter.mean(), darker - darker.mean())
+        frame = float((self.window - 1) / 2 + sums.argmax() / 2 * self.window)
         return Answer(frame, (frame,))
