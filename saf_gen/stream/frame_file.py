@@ -8,7 +8,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import h5py
 import numpy as np
@@ -120,6 +120,8 @@ class FrameFile(CheckedFile):
     content_sha256 : str
         Digest of the content.
     """
+
+    counted: ClassVar[str] = "levels"
 
     def __init__(self, path: Path) -> None:
         with report_damage(path):

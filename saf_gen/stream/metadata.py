@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from html import escape
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -403,8 +403,12 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
 
 
 class ReadableStream(Protocol):
-    """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`."""
+    """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`.
 
+    ``counted`` says what its numbers count: ``spikes``, ``events``, or ``levels`` of a frame camera.
+    """
+
+    counted: ClassVar[str]
     path: AnyPath
     shape: tuple[int, int, int]
     readout_hz: float

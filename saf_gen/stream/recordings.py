@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import TracebackType
-from typing import NoReturn, Self
+from typing import ClassVar, NoReturn, Self
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class EventRecording:
     events : EventFile
         The open file, which this object closes.
     """
+
+    counted: ClassVar[str] = "events"
 
     def __init__(self, events: EventFile) -> None:
         self._events = events

@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import h5py
 import numpy as np
@@ -166,6 +166,8 @@ class SpikeStream:
     light_names : tuple of str
         Names of the light groups, from ``metadata``.
     """
+
+    counted: ClassVar[str] = "spikes"
 
     def __init__(
         self, path: AnyPath, file: h5py.File, *, reader: ObjectReader | None = None, threads: int | None = None

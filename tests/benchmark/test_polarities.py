@@ -133,7 +133,7 @@ def test_what_has_no_polarity_says_so_in_a_line(tmp_path):
         CapturedExposures.__new__(CapturedExposures),
     ]  # fmt: skip
     for store in stores:
-        assert "spikes, photons and frames have no polarity" in str(refusal(store.polarities, 0, 8))
+        assert "this camera has no events, and so no polarities" in str(refusal(store.polarities, 0, 8))
     view = RecordingView(stores[0], None)
     answer, problem = run_method(parse_method("sd+pbf_events:window=10"), view, scorer=view.scorer)
     assert answer.frame is None
@@ -162,7 +162,7 @@ def test_a_guest_sees_what_a_method_of_ours_sees(recorded, columns, tmp_path):
         assert (answer.frame, *answer.trace) == (wanted[1].sum(), wanted[0, 2, 3], 1800)
         spikes = RecordingView(WindowCounts(InMemory(2000, 3, 4)), None)
         _, problem = run_method(method, spikes, scorer=spikes.scorer)
-        assert "spikes, photons and frames have no polarity" in problem
+        assert "this camera has no events, and so no polarities" in problem
     finally:
         method.guest.close()
 

@@ -13,10 +13,8 @@ from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.measure_input import measure_input, wanted_form
 from saf_gen.stream.metadata import ReadableStream
-from saf_gen.stream.recordings import EventRecording
 
 KINDS = {
     "tfp": "Texture from playback: the spikes, events or levels of each pixel in the window",
@@ -93,13 +91,14 @@ def choose_windows(
     """
     if kind not in KINDS:
         raise unknown("kind of picture", kind, allowed=KINDS)
-    if kind != "tfp" and (counted := what_is_counted(stream)) != "spikes":
+    if kind != "tfp" and stream.counted != "spikes":
         raise BadInput(
-            f"pictures {kind} of a recording of {counted}", where=str(stream.path), allowed="tfp, the sum of a window"
-        )
+            f"pictures {kind} of a recording of {stream.counted}", where=str(stream.path),
+            allowed="tfp, the sum of a window",
+        )  # fmt: skip
     total = stream.shape[0]
     span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
-    usual = 1 if isinstance(stream, FrameFile) else min(WINDOW, -(-len(span) // 10))
+    usual = 1 if stream.counted == "levels" else min(WINDOW, -(-len(span) // 10))
     length = _positive_integer("window", usual if window is None else window)
     if length > len(span):
         raise BadInput(
@@ -120,13 +119,6 @@ def choose_windows(
     samples = (_read_picture(stream, kind, first=int(a), window=length) for a in shown)
     white = 1.0 if kind == "spikes" else max(white_level(s, quantile=WHITE_QUANTILE) for s in samples)
     return WindowPictures(stream, kind, length, starts, white)
-
-
-def what_is_counted(stream: ReadableStream) -> str:
-    """Return what the numbers of a recording count: ``spikes``, ``events``, or ``levels`` of a frame camera."""
-    if isinstance(stream, EventRecording):
-        return "events"
-    return "levels" if isinstance(stream, FrameFile) else "spikes"
 
 
 def _read_picture(stream: ReadableStream, kind: str, *, first: int, window: int) -> np.ndarray:
@@ -263,7 +255,7 @@ def read_timeline(
         np.array(starts) + (window - 1) / 2,
         np.array([stream.counts(a, a + window).mean() / window for a in starts]),
         {name: np.array(values) for name, values in scores.items()},
-        what_is_counted(stream),
+        stream.counted,
     )
 
 
