@@ -137,7 +137,7 @@ def test_what_has_no_polarity_says_so_in_a_line(tmp_path):
     view = RecordingView(stores[0], None)
     answer, problem = run_method(parse_method("sd+pbf_events:window=10"), view, scorer=view.scorer)
     assert answer.frame is None
-    assert "have no polarity; allowed: polarities of an event camera" in problem
+    assert "so no polarities; allowed: polarities of an event camera" in problem
     assert view.scorer.windows == 0
 
 
@@ -271,11 +271,11 @@ def test_methods_that_need_what_the_camera_does_not_see_are_refused(captured_dat
     assert call("recapture", captured_dataset, "--out", target, "--sequence", "plane-constant-00")[0] == 0
     for track in ("recorded", "closed_loop"):
         for method, words in (
-            ("er_count+pbf", "makes events of differences of counts, and these recordings hold events"),
-            ("er_count+pbf:window=50", "allowed: pbf_events, which takes the polarities themselves"),
-            ("er_count+pbf:reject=true", "allowed: pbf_events"),
-            ("sd+elp", "needs pictures beside the events, which an event file has not"),
-            ("er_count+elp@frame", "allowed: searches of events alone, such as egs_code and pbf_events"),
+            ("er_count+pbf", "makes events of spikes, and these recordings hold events"),
+            ("er_count+pbf:window=50", "use pbf_events"),
+            ("er_count+pbf:reject=true", "use pbf_events"),
+            ("sd+elp", "makes events of spikes, and these recordings hold events"),
+            ("er_count+elp@frame", "use elp_events"),
             ("change_rate+pbf_events", "makes events of spikes"),
         ):
             code, _, error = call("evaluate", target, "--track", track, "--method", method, "--out", tmp_path / "none")
@@ -283,7 +283,9 @@ def test_methods_that_need_what_the_camera_does_not_see_are_refused(captured_dat
             assert not (tmp_path / "none").exists()
     for method in ("sd+pbf_events", "sd_debiased+pbf_events", "sd+pbf_events:window=50", "sd+pbf_events:reject=true"):
         code, _, error = call("evaluate", captured_dataset, "--method", method, "--out", tmp_path / "none")
-        assert (code, "needs polarities, and these recordings hold spikes" in error) == (2, True), error
+        assert (code, "needs events with their polarities, and these recordings hold spikes" in error) == (2, True), (
+            error
+        )
         assert not (tmp_path / "none").exists()
 
 
@@ -293,17 +295,9 @@ def test_polarities_are_judged_on_both_tracks(captured_dataset, tmp_path, call):
     assert call("recapture", captured_dataset, "--out", target, "--sequence", "plane-constant-00")[0] == 0
     for track in ("recorded", "closed_loop"):
         out = tmp_path / track
-        code, output, error = call(
-            "evaluate",
-            target,
-            "--track",
-            track,
-            "--method",
-            "er_count+pbf_events:window=20",
-            "--out",
-            out,
-            *(() if track == "recorded" else ("--actuator", "ideal")),
-        )
+        arguments = ("--track", track, "--method", "er_count+pbf_events:window=20", "--out", out)
+        actuator = () if track == "recorded" else ("--actuator", "ideal")
+        code, output, error = call("evaluate", target, *arguments, *actuator)
         assert code == 0, output + error
         (record,) = [json.loads(line) for line in (out / "records.jsonl").read_text().splitlines()]
         assert record["status"] == "answered", record["note"]
