@@ -160,14 +160,14 @@ def _decide(word: Any, undecided: Any, known: Any, keys: Any, planes: Any, photo
             count += ONE
     for n in range(count):
         place = U(listed[n])
-        lane, i = place // L, place & (L - ONE)
-        drawn = _mixed((keys[i] ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
-        row, bit = (lane >> U(5)) * L + i, lane & U(31)
+        lane, pixel = place // L, place & (L - ONE)
+        drawn = _mixed((keys[pixel] ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
+        row, bit = (lane >> U(5)) * L + pixel, lane & U(31)
         for k in range(EIGHT):
             drawn |= ((U(planes[k * HALF * L + row]) >> bit) & ONE) << (k + U(24))
         here = photons[place]
         below = np.float64(np.int64(drawn)) < np.float64(_detected(here)) * 2.0**32
-        bits[i] |= U(below | (here > MOST_PHOTONS)) << lane
+        bits[pixel] |= U(below | (here > MOST_PHOTONS)) << lane
 
 
 @njit(inline="always")
