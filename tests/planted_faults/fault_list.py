@@ -384,8 +384,8 @@ FAULTS = {
         (
             Change(
                 "stack.frame_capture",
-                "np.arange(placed.rows) * placed.row_s",
-                "np.arange(placed.rows)[::-1] * placed.row_s",
+                "np.arange(sensor.rows) * sensor.row_s",
+                "np.arange(sensor.rows)[::-1] * sensor.row_s",
             ),
         ),
         (
