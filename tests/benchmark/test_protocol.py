@@ -64,7 +64,7 @@ def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name
     """The middle of the travel is farthest from the ends. Half the play is out of reach."""
     drive = get_actuator(name, place_rms=0)
     protocol = ClosedLoopProtocol(drive)
-    before, sweep = protocol._count_rest_frames(20_000), protocol._count_sweep_frames(20_000)
+    before, sweep = protocol._count_rest_frames(recorded(16)), protocol._count_sweep_frames(20_000)
     for start in (0.0, 0.5):
         lens = ActuatedLens(drive, start=start, readout_hz=20_000, seed=1)
         lens.command(0.0)

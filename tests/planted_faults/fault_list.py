@@ -835,7 +835,11 @@ FAULTS = {
     ),
     "computing takes no time": Fault(
         "The clock of the closed loop stands still while a method computes.",
-        (Change("benchmark.view.running_camera", "readout_hz / operations_per_s if operations_per_s", "0.0 if True"),),
+        (
+            Change(
+                "benchmark.view.running_camera", "self.readout_hz / operations_per_s if operations_per_s", "0.0 if True"
+            ),
+        ),
         (
             "benchmark/test_operations.py::test_the_clock_advances_by_the_operations_at_the_stated_rate",
             "benchmark/test_operations.py::test_the_camera_runs_on_until_what_was_computed_is_done",
