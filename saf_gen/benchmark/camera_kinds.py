@@ -18,8 +18,8 @@ LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "st
 of single photons and of events share nothing, so that the same addend would be taken for contrast."""
 EVENTS_OF_SPIKES = frozenset({"change_rate"})
 """Measures that make events of spikes, and mean nothing where there are events."""
-TWINS = {"Pbf": "pbf_events", "Elp": "elp_events"}
-"""Searches that make events of spikes, each with the search that takes events as they are."""
+TWINS = {"saf_gen.plugins.searches.pbf": "pbf_events", "saf_gen.plugins.searches.elp": "elp_events"}
+"""Modules of searches that make events of spikes, each with the search that takes events as they are."""
 
 
 def keep_those_that_suit(
@@ -95,7 +95,7 @@ def _needs(method: Method) -> list[str]:
 
 def _twin(method: Method) -> str:
     """Return the search that takes events as they are, for one that makes them of spikes, or ''."""
-    return next((twin for plugin in nested_plugins(method.search) if (twin := TWINS.get(type(plugin).__name__))), "")
+    return next((twin for plugin in nested_plugins(method.search) if (twin := TWINS.get(type(plugin).__module__))), "")
 
 
 def _kind(tasks: list[SequenceTask]) -> str:

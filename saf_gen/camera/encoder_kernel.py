@@ -67,7 +67,7 @@ NOTHING = np.float32(-1e30)
 
 
 @njit(inline="always")
-def _mixed(word: Any) -> Any:
+def mixed_word(word: Any) -> Any:
     """Return a word mixed by the finaliser of SplitMix64 (Steele, Lea and Flood 2014, doi:10.1145/2660193.2660195)."""
     word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
@@ -189,7 +189,7 @@ def advance_pixels(
                 lane[j * L + i] = state[j, start + i]
             for j in range(U(4)):
                 lane[DARK + j * L + i] = fixed[j, start + i]
-        block_key = _mixed(U(key) + block * STRIDE)
+        block_key = mixed_word(U(key) + block * STRIDE)
         knot = np.int64(-1)
         for group in range(groups_of_eight):
             count = min(EIGHT, frames - group * EIGHT)
@@ -217,7 +217,7 @@ def advance_pixels(
                         last = now if U(done) + t == ZERO else before[start + i]
                         charge[at + i] = now + lead[start + i] * (last - now)
                         before[start + i] = now
-                entry[s] = _mixed(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
+                entry[s] = mixed_word(block_key + (U(done) + t) * U(0x9E3779B97F4A7C15)) & MASK
             for s in range(count, EIGHT):  # nothing may fire after the last readout
                 for i in range(L):
                     charge[s * L + i] = NOTHING

@@ -91,8 +91,8 @@ def _vergence(distance: np.ndarray) -> np.ndarray:
     return np.divide(1.0, distance, out=out, where=distance > 0)
 
 
-def blur_at(stream: ReadableStream, frame: int) -> np.ndarray:
-    """Return the blur of a stream at a frame; see :meth:`saf_gen.stream.stream_file.SpikeStream.blur`."""
+def check_frame(stream: ReadableStream, frame: int) -> None:
+    """Raise BadInput if a frame is no whole number, or outside the recording."""
     try:
         validate_window(frame, frame + 1, total=stream.shape[0])
     except (BadInput, TypeError):
@@ -101,6 +101,11 @@ def blur_at(stream: ReadableStream, frame: int) -> np.ndarray:
             where=str(stream.path),
             allowed=f"a whole number, 0 to {stream.shape[0] - 1}",
         ) from None
+
+
+def blur_at(stream: ReadableStream, frame: int) -> np.ndarray:
+    """Return the blur of a stream at a frame; see :meth:`saf_gen.stream.stream_file.SpikeStream.blur`."""
+    check_frame(stream, frame)
     return DefocusBlur.of_stream(stream).at(frame)
 
 

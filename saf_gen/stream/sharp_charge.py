@@ -22,9 +22,10 @@ import numpy as np
 
 from saf_gen.core.object_store import AnyPath
 from saf_gen.core.plain_text import plural
-from saf_gen.core.region import Region, region_shape, validate_window
+from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
 from saf_gen.stream.checked_file import MAX_SMALL_BYTES, SHARP, holds, open_dataset, read_attribute
+from saf_gen.stream.defocus_blur import check_frame
 from saf_gen.stream.metadata import Metadata, Pictures, ReadableStream
 
 DIGEST = "sharp_sha256"
@@ -292,14 +293,7 @@ def slice_weights(frames: np.ndarray, window: range) -> tuple[int, np.ndarray]:
 
 def sharp_at(stream: ReadableStream, frame: int) -> np.ndarray:
     """Return the charge at a frame; see :meth:`saf_gen.stream.stream_file.SpikeStream.sharp`."""
-    try:
-        validate_window(frame, frame + 1, total=stream.shape[0])
-    except (BadInput, TypeError):
-        raise BadInput(
-            f"frame {frame!r} was asked for",
-            where=str(stream.path),
-            allowed=f"a whole number, 0 to {stream.shape[0] - 1}",
-        ) from None
+    check_frame(stream, frame)
     return SharpCharge.of_stream(stream).total(frame, frame + 1)
 
 

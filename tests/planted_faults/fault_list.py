@@ -440,7 +440,7 @@ FAULTS = {
     ),
     "noise repeating by block": Fault(
         "Every block of 64 pixels draws the same noise.",
-        (Change("camera.encoder_kernel", "_mixed(U(key) + block * STRIDE)", "_mixed(U(key) + start * U(0))"),),
+        (Change("camera.encoder_kernel", "mixed_word(U(key) + block * STRIDE)", "mixed_word(U(key) + start * U(0))"),),
         (
             "camera/test_independent_noise.py::test_pixels_that_fire_together_draw_independent_thresholds",
             f"{EACH_LAW}[noise_independence]",

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from saf_gen.camera.encoder_kernel import mixed_word
 from saf_gen.core.compiled import compiled_unchecked
 
 U = np.uint64
@@ -44,14 +45,6 @@ def _exp(x: Any) -> Any:
     for n in range(12, -1, -1):
         series = FACTORS[n] + r * series
     return series * HALVES[U(np.int32(-k))]
-
-
-@njit(inline="always")
-def _mixed(word: Any) -> Any:
-    """Return a word mixed by the finaliser of SplitMix64 (Steele, Lea and Flood 2014, doi:10.1145/2660193.2660195)."""
-    word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
-    return word ^ (word >> U(31))
 
 
 @njit(inline="always")
@@ -154,7 +147,7 @@ def _fire(
         until = min(at, end)
         if hazard * (until - begin) >= patience and hazard > 0.0:
             at = begin + patience / hazard
-            word = _mixed(pixel_key + drawn * U(0xD1342543DE82EF95))
+            word = mixed_word(pixel_key + drawn * U(0xD1342543DE82EF95))
             drawn += U(1)
             rising = (word & U(1)) == U(0)
             patience = waits[(word >> U(1)) & U(EXPONENTIALS - 1)]
@@ -293,7 +286,7 @@ def record_pixels(
                 stored[i], dead[i], patience[i], drawn[i], written = _fire(
                     start, span, u[i], after[i], level[i], slope[i], rest[i], tau[i], stored[i], on[i], off[i],
                     drift[i], dead[i], patience[i], hazard[i], refractory_s, drawn[i],
-                    _mixed(key + pixel * U(0x9E3779B97F4A7C15)), waits, pixel, when, where, rises, written,
+                    mixed_word(key + pixel * U(0x9E3779B97F4A7C15)), waits, pixel, when, where, rises, written,
                 )  # fmt: skip
             for i in range(width):
                 u[i] = after[i]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from saf_gen.camera.encoder_kernel import mixed_word
 from saf_gen.core.compiled import compiled_unchecked
 
 U = np.uint64
@@ -39,14 +40,6 @@ ENDS, DENSITY = _layers()
 
 
 @njit(inline="always")
-def _mixed(word: Any) -> Any:
-    """Return a word mixed by the finaliser of SplitMix64 (Steele, Lea and Flood 2014, doi:10.1145/2660193.2660195)."""
-    word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
-    return word ^ (word >> U(31))
-
-
-@njit(inline="always")
 def _fraction(word: Any) -> Any:
     """Return a number from 0 to 1, without 1, from the upper 53 bits of a word."""
     return np.float64(np.int64(word >> U(11))) * UNIT
@@ -57,13 +50,13 @@ def _beyond(layer: Any, x: Any, state: Any) -> Any:
     """Return whether a number beyond the core of its layer is accepted, the number, and the state after it."""
     if layer > U(0):
         state += GOLDEN
-        height = DENSITY[layer] + _fraction(_mixed(state)) * (DENSITY[layer + U(1)] - DENSITY[layer])
+        height = DENSITY[layer] + _fraction(mixed_word(state)) * (DENSITY[layer + U(1)] - DENSITY[layer])
         return height < exp(-0.5 * x * x), x, state
     while True:  # G. Marsaglia's tail
         state += GOLDEN
-        far = -log(1.0 - _fraction(_mixed(state))) / TAIL
+        far = -log(1.0 - _fraction(mixed_word(state))) / TAIL
         state += GOLDEN
-        if -2.0 * log(1.0 - _fraction(_mixed(state))) >= far * far:
+        if -2.0 * log(1.0 - _fraction(mixed_word(state))) >= far * far:
             return True, (TAIL + far if x > 0.0 else -TAIL - far), state
 
 
@@ -76,7 +69,7 @@ def draw_normal(state: Any) -> Any:
     """
     while True:
         state += GOLDEN
-        word = _mixed(state)
+        word = mixed_word(state)
         layer = word & U(LAYERS - 1)
         x = (2.0 * _fraction(word) - 1.0 + UNIT) * ENDS[layer]
         if abs(x) < ENDS[layer + U(1)]:
@@ -118,9 +111,9 @@ def _corrected(normal: Any, share: Any, mean: Any, state: Any) -> Any:
         return normal, state
     while True:
         state += GOLDEN
-        far = -log(1.0 - _fraction(_mixed(state)))
+        far = -log(1.0 - _fraction(mixed_word(state)))
         state += GOLDEN
-        u = 2.0 * _fraction(_mixed(state)) - 1.0
+        u = 2.0 * _fraction(mixed_word(state)) - 1.0
         t = 1.8 + (far if u >= 0.0 else -far)
         if t > -0.6744:
             k = np.floor(mean + sqrt(mean) * t)
@@ -140,7 +133,7 @@ def draw_poisson(mean: Any, state: Any) -> Any:
     """
     if mean < FEW:
         state += GOLDEN
-        drawn, k, probability = _fraction(_mixed(state)), 0, exp(-mean)
+        drawn, k, probability = _fraction(mixed_word(state)), 0, exp(-mean)
         while drawn >= probability and k < MOST_COUNTED:
             drawn -= probability
             k += 1
@@ -149,7 +142,7 @@ def draw_poisson(mean: Any, state: Any) -> Any:
     normal, state = draw_normal(state)
     number = np.floor(mean + sqrt(mean) * normal)
     state += GOLDEN
-    share = _fraction(_mixed(state))
+    share = _fraction(mixed_word(state))
     less = mean - number
     if less * less * less > share * (6.0 * mean * mean):
         number, state = _corrected(number, share, mean, state)
@@ -179,7 +172,7 @@ def read_out(
         Receives the numbers.
     """
     for pixel in range(U(charge.size)):
-        state = _mixed(U(key) + pixel * GOLDEN)
+        state = mixed_word(U(key) + pixel * GOLDEN)
         electrons = min(charge[pixel] * response[pixel] + dark[pixel], MOST_MEAN)
         if shot:
             electrons, state = draw_poisson(electrons, state)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from saf_gen.camera.encoder_kernel import LANES, L, store_word
+from saf_gen.camera.encoder_kernel import LANES, L, mixed_word, store_word
 from saf_gen.core.compiled import compiled_unchecked
 
 U, W, F = np.uint64, np.uint32, np.float32
@@ -43,14 +43,6 @@ LOWEST_BIT = U(
 PLACES = np.zeros(64, np.uint64)
 for _place in range(64):
     PLACES[(int(LOWEST_BIT) << _place & 0xFFFFFFFFFFFFFFFF) >> 58] = _place
-
-
-@njit(inline="always")
-def _mixed(word: Any) -> Any:
-    """Return a word mixed by the finaliser of SplitMix64 (Steele, Lea and Flood 2014, doi:10.1145/2660193.2660195)."""
-    word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
-    return word ^ (word >> U(31))
 
 
 @njit(inline="always")
@@ -161,7 +153,7 @@ def _decide(word: Any, undecided: Any, known: Any, keys: Any, planes: Any, photo
     for n in range(count):
         place = U(listed[n])
         lane, pixel = place // L, place & (L - ONE)
-        drawn = _mixed((keys[pixel] ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
+        drawn = mixed_word((keys[pixel] ^ TAIL) + (word * L + lane) * GOLDEN) >> U(40)
         row, bit = (lane >> U(5)) * L + pixel, lane & U(31)
         for k in range(EIGHT):
             drawn |= ((U(planes[k * HALF * L + row]) >> bit) & ONE) << (k + U(24))
@@ -175,7 +167,7 @@ def _pulses(key: Any, word: Any, waits: Any) -> Any:
     """Return 64 independent bits that are 1 with the chance of an afterpulse, from the gaps between them."""
     bits, place, step = ZERO, ZERO, ZERO
     while True:
-        drawn = np.float64(np.int64(_mixed((key ^ PULSE) + (word * L + step) * GOLDEN) >> U(11))) * 2.0**-53
+        drawn = np.float64(np.int64(mixed_word((key ^ PULSE) + (word * L + step) * GOLDEN) >> U(11))) * 2.0**-53
         if drawn >= waits[L]:
             return bits
         gap = ONE
@@ -304,7 +296,7 @@ def expose_clocked(
             _decide(word, undecided, known, keys, planes, photons, listed, bits)
             if waits is not None:
                 for i in range(L):
-                    firsts[i] = _mixed((keys[i] ^ PULSE) + word * L * GOLDEN) >> U(11)
+                    firsts[i] = mixed_word((keys[i] ^ PULSE) + word * L * GOLDEN) >> U(11)
                 for i in range(width):
                     if firsts[i] < some:
                         pulses = _pulses(keys[i], word, waits)
