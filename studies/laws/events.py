@@ -1,0 +1,144 @@
+"""Events: how many a change of the light makes, by its contrast, and how many come in light that does not change.
+
+The camera is exposed to even light directly, without a rendered scene: what is checked are its pixels.
+"""
+
+import numpy as np
+from scipy.special import ndtr
+
+from saf_gen.camera.events import EventSensor, encode_events, get_event_sensor
+from studies.laws.law import FALSE_ALARM, Comparison, Curve, Finding, Law, Plot, compare_mean
+from studies.laws.workload import DatasetMaker
+
+CONTRASTS = (0.21, 0.24, 0.3, 0.45, 0.7, 1.1, 1.6)
+RELATIVE_LIGHT = (0.0, 0.3, 1.0, 3.0, 10.0)
+RANDOM_HZ, RESET_S, LEAK_HZ = 100.0, 5e-3, 5.0
+SMALLEST_THRESHOLD = 0.01
+LIGHT = 1e5  # electrons per second
+QUIET = dict.fromkeys(("mismatch", "bandwidth", "refractory", "leak", "shot", "hot", "readout"), False)
+
+
+def _shape(*, quick: bool) -> tuple[int, int]:
+    return (40, 64) if quick else (250, 400)
+
+
+def _counts(
+    sensor: EventSensor, light: tuple[float, ...], *, seconds: float, seed: int, quick: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how often each pixel reports a fall, and a rise, (P,) each, in even light with these knots."""
+    shape = _shape(quick=quick)
+    knots = np.broadcast_to(np.array(light, np.float32)[:, None, None], (len(light), *shape))
+    seen = encode_events(np.ascontiguousarray(knots), sensor, seconds=seconds, seed=seed)
+    pixel = seen.y.astype(int) * shape[1] + seen.x
+    falls, rises = (np.bincount(pixel[seen.p == rise], minlength=shape[0] * shape[1]) for rise in (False, True))
+    return falls, rises
+
+
+def events_of_contrast(contrast: np.ndarray, threshold: float, *, rms: float) -> np.ndarray:
+    """Return the mean number of events of pixels with normal thresholds if the logarithm of the light changes so far.
+
+    A pixel reports the whole number of its thresholds in the change, so the mean is Σ P(k thresholds fit in it).
+    """
+    steps = np.arange(1, int(np.max(contrast) / SMALLEST_THRESHOLD) + 1)
+    return np.asarray(ndtr((np.asarray(contrast)[..., None] / steps - threshold) / rms).sum(axis=-1))
+
+
+def _check_contrast(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare the events of light that rises, and of light that falls, with the law, by contrast."""
+    sensor = get_event_sensor("evk4", dark_e_per_s=1e-3, noise=QUIET | {"mismatch": True})
+    comparisons, curves, figures = [], [], 2 * len(CONTRASTS)
+    x = np.geomspace(CONTRASTS[0], CONTRASTS[-1], 200)
+    for name, sign, threshold in (("falls", -1, sensor.threshold_off), ("rises", 1, sensor.threshold_on)):
+        found: list[Comparison] = []
+        for seed, contrast in enumerate(CONTRASTS, start=1):
+            light = LIGHT, LIGHT * float(np.exp(sign * contrast))
+            events = _counts(sensor, light, seconds=0.02, seed=seed, quick=quick)
+            found.append(
+                compare_mean(
+                    f"{name}, contrast {contrast:g}",
+                    events[sign > 0],
+                    expected=float(events_of_contrast(np.array(contrast), threshold, rms=sensor.threshold_rms)),
+                    figures=figures,
+                )
+            )
+        comparisons += found
+        curves.append(Curve(name, tuple(x), tuple(events_of_contrast(x, threshold, rms=sensor.threshold_rms))))
+        error = tuple(one.high - one.measured for one in found)
+        curves.append(Curve("", CONTRASTS, tuple(one.measured for one in found), "points", error))
+    return Finding(tuple(comparisons), Plot("contrast, of the natural logarithm", "events", tuple(curves), log_x=True))
+
+
+def renewals(rate_hz: float, *, reset_s: float, seconds: float) -> float:
+    """Return the mean number of events in so many seconds if waits of mean 1/rate alternate with resets.
+
+    It is T/μ + τ²/(2·μ²), μ = τ + 1/rate, for a pixel that begins awake, and many μ.
+    """
+    mean = reset_s + 1 / rate_hz
+    return seconds / mean + reset_s**2 / (2 * mean**2)
+
+
+def _check_constant(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare random events, by the light, and leaks with their laws."""
+    sensor = get_event_sensor(
+        "davis346",
+        dark_e_per_s=1e-3,
+        shot_hz=RANDOM_HZ,
+        refractory_s=RESET_S,
+        leak_hz=LEAK_HZ,
+        noise=QUIET | {"shot": True, "refractory": True},
+    )
+    seconds, figures = 1.0, 2 * len(RELATIVE_LIGHT) + 2
+    comparisons = []
+    for seed, ratio in enumerate(RELATIVE_LIGHT, start=1):
+        falls, rises = _counts(sensor, (ratio * sensor.shot_half_e_per_s,), seconds=seconds, seed=seed, quick=quick)
+        expected = renewals(RANDOM_HZ / (1 + ratio), reset_s=RESET_S, seconds=seconds)
+        what = f"in {ratio:g} of the light that halves them"
+        comparisons += [
+            compare_mean(f"random events {what}", falls + rises, expected=expected, figures=figures),
+            compare_mean(f"rises among them {what}", rises, expected=expected / 2, figures=figures),
+        ]
+    leaking = sensor.with_noise(shot=False, refractory=False, leak=True, mismatch=True)
+    falls, rises = _counts(leaking, (LIGHT,), seconds=seconds, seed=len(RELATIVE_LIGHT) + 1, quick=quick)
+    comparisons += [
+        compare_mean("leaks, rises", rises, expected=LEAK_HZ * seconds, figures=figures),
+        Comparison("leaks, falls", float(falls.mean()), 0.0, 0.0, 0.0),
+    ]
+    seen = comparisons[: 2 * len(RELATIVE_LIGHT) : 2]
+    x = np.linspace(RELATIVE_LIGHT[0], RELATIVE_LIGHT[-1], 60)
+    law = tuple(renewals(RANDOM_HZ / (1 + ratio), reset_s=RESET_S, seconds=seconds) for ratio in x)
+    error = tuple(one.high - one.measured for one in seen)
+    curves = (
+        Curve("law", tuple(x), law),
+        Curve("camera", RELATIVE_LIGHT, tuple(one.measured for one in seen), "points", error),
+    )
+    return Finding(tuple(comparisons), Plot("light, relative to that which halves them", "events per second", curves))
+
+
+_BY_CHANCE = (
+    f"Only the scatter between pixels: all figures together fail correct code once in {1 / FALSE_ALARM:,.0f} runs."
+)
+LAWS = (
+    Law(
+        "events_contrast",
+        "A change of the light makes as many events as thresholds fit into the change of its logarithm; thresholds are "
+        "normal over the pixels.",
+        "mean = Σ P(θ ≤ contrast/k), k = 1, 2, …",
+        "P. Lichtsteiner et al., IEEE J. Solid-State Circuits 43, 2008, doi:10.1109/JSSC.2007.914337",
+        f"Light that rises, or falls, in 20 ms by {', '.join(map(str, CONTRASTS))}; 100,000 pixels of evk4, of whose "
+        "imperfections only the mismatch is on.",
+        _BY_CHANCE,
+        _check_contrast,
+    ),
+    Law(
+        "events_constant_light",
+        "In constant light a pixel reports random changes, of either polarity alike and more rarely in brighter light; "
+        "after each it is in reset. Leaks make rises at their own rate.",
+        "mean = T/μ + τ²/(2·μ²), μ = τ + (1 + I/I½)/R; leaks T·rate",
+        "Y. Hu et al., CVPR Workshops 2021, doi:10.1109/CVPRW53098.2021.00144 (rates); D. R. Cox, Renewal Theory, 1962",
+        f"1 s of 100,000 pixels, R = {RANDOM_HZ:g} Hz, τ = {1e3 * RESET_S:g} ms, light of "
+        f"{', '.join(map(str, RELATIVE_LIGHT))} times I½; leaks of {LEAK_HZ:g} Hz, log-normal over the pixels, "
+        "without resets.",
+        _BY_CHANCE,
+        _check_constant,
+    ),
+)

@@ -1,0 +1,261 @@
+"""Cameras as they are: every camera behind the same lens, in the same light, with its own pixels.
+
+    python -m studies.ranking.native --out FOLDER [--camera NAME ...] [--members 24]
+
+Each camera has its own pitch, fill factor and quantum efficiency, and sees the same field, 1.28 mm wide and high, of
+the same members and lights at equal lux. A stack is rendered on the pixels of each camera, by a recipe whose spike
+sensor has these pixels; the camera then records it. So that the light is the same, the threshold of that sensor
+is as much higher or lower as its pixels collect more or less. Errors are in micrometres between the sensor and the
+sharp image of the target, because a depth of focus is as deep as pixels are large. FOLDER keeps what is finished, and
+a second run goes on there.
+
+Pixels of a machine-vision camera are 3.45 µm, and the renderer's own noise in them would be larger than the contrast of
+many scenes; sums of 4 × 4 of them are taken for one here, as is done off the chip for the sake of speed and noise.
+"""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records, write_records
+from saf_gen.camera import Sensor, get_sensor
+from saf_gen.camera.events import get_event_sensor
+from saf_gen.camera.frames import FrameSensor, get_frame_sensor
+from saf_gen.camera.spad import SpadSensor, get_spad_sensor
+from saf_gen.core.config.json_document import load_plain_json
+from saf_gen.core.files import write_text
+from saf_gen.errors import BadInput
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+from saf_gen.optics import drive_from_dict
+from saf_gen.stack.other_cameras import CAMERAS, find_camera, recapture
+from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.stream_file import open_stream
+from studies.ranking.cameras import interval
+
+FIELD_M = 1.28e-3  # side of the square that all cameras see: 64 pixels of a spike camera
+BASE = "vidar_128x128"  # the spike camera, in whose rate the light is set
+BIN = 4  # pixels of imx273 in a row, and in a column, that make one
+ROW_S, PAUSE_ROWS = 396 / 74.25e6, 42  # of imx273 at 12 bits: seconds per row, and rows between two frames
+LOG_HZ = 2_000  # readouts per second of a sensor whose spikes nobody looks at: they log the lens, and small files do
+SAMPLES, FEWEST_SAMPLES = 96, 64  # per pixel of the spike camera, and of any camera
+POSITIONS = 80  # steps of the lens between its ends for the spike camera; finer for finer pixels, as the depth of focus
+SPLIT = "test"
+METHODS: Mapping[str, Sequence[str]] = {
+    BASE: ["vollath_f4_n+block_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
+    "qvga_spad": ["vollath_f4_n+block_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
+    "imx273": ["mfdct_lee_n+argmax:window=2", "vollath_f4_n+block_vote", "tenengrad_n+argmax:window=2"],
+    "davis346": ["sd+argmax", "er_count+pbf_events"],
+}
+"""The best methods of each camera, from studies/results/cameras.md; two frames take about as long as three did."""
+
+
+def recipe(members: int, pixels: Sensor) -> dict[str, Any]:
+    """Return the recipe of a camera with these pixels; members, motions, light and rates are those of all cameras."""
+    finer = get_sensor(BASE).pitch_m / pixels.pitch_m
+    return {
+        "name": "native",
+        "seed": 57,
+        "camera": {
+            "sensor": "pixels.yaml",
+            "frames": round(pixels.readout_hz),
+            "exposure": {"mean_rate": {"log_uniform": [0.02, 0.4]}},
+        },
+        "focus": {
+            "positions": round(POSITIONS * finer) + 1,
+            "motion": {
+                "choice": [
+                    {"kind": "sweep"},
+                    {"kind": "sweep", "from": 1.0, "to": 0.0},
+                    {"kind": "sweep_and_return", "dwell_s": 0.05},
+                ]
+            },
+        },
+        "render": {"samples": max(round(SAMPLES / finer**2), FEWEST_SAMPLES)},
+        "lights": {
+            "constant": {"kind": "constant"},
+            "brighter": {"kind": "ramp", "from": 1.0, "to": {"log_uniform": [1.5, 8]}},
+            "darker": {"kind": "ramp", "from": 1.0, "to": {"log_uniform": [0.125, 0.66]}},
+            "mains": {"kind": "flicker", "hz": {"choice": [100, 120]}, "depth": {"uniform": [0.1, 0.9]}},
+        },
+        "splits": {
+            SPLIT: {
+                "scenes": ["assorted"],
+                "members": members,
+                "lights": ["constant", "brighter", "darker", "mains"],
+                "lights_each": 2,
+            }
+        },
+    }
+
+
+def pixels_of(camera: Any) -> Sensor:
+    """Return the spike sensor with the pixels of a camera, over the field, that fires as often in the same light."""
+    base = get_sensor(BASE)
+    side = round(FIELD_M / camera.pitch_m)
+    area = camera.pitch_m**2 * camera.fill_factor * camera.quantum_efficiency
+    collected = area / (base.pitch_m**2 * base.fill_factor * base.quantum_efficiency)
+    hz = LOG_HZ if isinstance(camera, SpadSensor | FrameSensor) else base.readout_hz
+    return replace(
+        base,
+        name=f"{camera.name}_pixels",
+        rows=side,
+        columns=side,
+        pitch_m=camera.pitch_m,
+        fill_factor=camera.fill_factor,
+        quantum_efficiency=camera.quantum_efficiency,
+        readout_hz=hz,
+        threshold_e=base.threshold_e * collected * base.readout_hz / hz,
+    )
+
+
+def camera_of(name: str) -> Any:
+    """Return a camera by name; a frame camera reads the rows of the field, which sets its rate."""
+    if name == BASE:
+        return get_sensor(name)
+    if name == "davis346":
+        return get_event_sensor(name)
+    if name == "qvga_spad":
+        return get_spad_sensor(name)
+    one = get_frame_sensor(name)
+    rows = round(FIELD_M / one.pitch_m)
+    hz = round(1 / ((rows + PAUSE_ROWS) * ROW_S), 1)
+    return get_frame_sensor(
+        name,
+        rows=rows // BIN,
+        columns=rows // BIN,
+        pitch_m=BIN * one.pitch_m,
+        readout_hz=hz,
+        exposure_s=min(one.exposure_s, 1 / hz),
+        full_well_e=BIN**2 * one.full_well_e,
+        read_noise_e=BIN * one.read_noise_e,
+        bits=one.bits + 4,
+        dark_e_per_s=BIN**2 * one.dark_e_per_s,
+        response_rms=one.response_rms / BIN,
+    )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How far a method was off, in micrometres of image distance and in depths of focus; None without an answer."""
+
+    error_um: float | None
+    error_dof: float | None
+
+
+def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]]:
+    """Render, record and judge one camera in ``folder``; return its answers by method and sequence.
+
+    Raises BadInput if a sequence fails.
+    """
+    camera = camera_of(name)
+    folder.mkdir(parents=True, exist_ok=True)
+    pixels = pixels_of(camera)
+    write_text(folder / "pixels.yaml", yaml.safe_dump(_plain(pixels.as_dict()), sort_keys=False))
+    write_text(folder / "recipe.yaml", yaml.safe_dump(recipe(members, pixels), sort_keys=False))
+    dataset = folder / "dataset"
+    made = generate(resolve_recipe(folder / "recipe.yaml"), dataset, tell=print)
+    for job, error in made.failed.items():
+        print(f"{job}: {error}", file=sys.stderr)
+    judged = dataset if name == BASE else dataset / CAMERAS / name
+    manifest = read_manifest(dataset)
+    if name != BASE:
+        given = name
+        if isinstance(camera, FrameSensor):
+            given = str(folder / "camera.yaml")
+            write_text(Path(given), yaml.safe_dump(_plain(camera.as_dict()), sort_keys=False))
+        other = find_camera(given)
+        done = recapture(dataset, manifest.sequences, camera=other, target=judged, tell=print)
+        if done.failed:
+            raise BadInput("; ".join(f"{job}: {error}" for job, error in done.failed.items()))
+        other.finish(dataset, manifest, target=judged)
+    kept = folder / RECORDS_FILE
+    if not kept.exists():
+        write_records(kept, evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False).records)
+    drives = {entry.id: _drive(dataset / entry.file) for entry in manifest.sequences}
+    answers: dict[str, dict[str, Answer]] = {}
+    for record in read_records(kept):
+        if record.obstacle is None and record.truth is not None:
+            answers.setdefault(record.method, {})[record.sequence] = _answer(record, drives[record.sequence])
+    return answers
+
+
+def _plain(values: Any) -> Any:
+    """Return data without tuples, which are no plain YAML."""
+    if isinstance(values, Mapping):
+        return {key: _plain(value) for key, value in values.items()}
+    return [_plain(value) for value in values] if isinstance(values, list | tuple) else values
+
+
+def _drive(path: Path) -> Any:
+    with open_stream(path) as stream:
+        return drive_from_dict(load_plain_json(stream.metadata.provenance["lens"])["drive"])
+
+
+def _answer(record: Record, drive: Any) -> Answer:
+    if record.position is None or record.truth is None:
+        return Answer(None, None)
+    return Answer(image_error_m(drive, record.position, truth=record.truth) * 1e6, record.error_dof)
+
+
+def image_error_m(drive: Any, position: float, *, truth: float) -> float:
+    """Return how far behind the sharp image of the target the sensor is, metres, with the lens at a position.
+
+    ``truth`` is the position at which the target is in focus. It is nearer to the lens, or farther, if a stage moves.
+    """
+    both = np.array([position, truth])
+    shift, in_focus, image = drive.shift(both), drive.object_distance(both), drive.image_distance(both)
+    vergence = 1 / in_focus[0] + 1 / image[0]  # 1 / focal length, which may change with the position
+    target = in_focus[1] + shift[1] - shift[0]
+    return float(image[0] - 1 / (vergence - 1 / target))
+
+
+def table(cameras: Mapping[str, Mapping[str, Mapping[str, Answer]]]) -> list[str]:
+    """Return the lines of the table, over the recordings that have an answer with every camera."""
+    found = (set[str]().union(*answers.values()) for answers in cameras.values())
+    shared = sorted(set[str].intersection(*found))
+    if not shared:
+        raise BadInput("no recording has an answer with every camera", allowed="more --members")
+    members = [name.rpartition("-")[0] for name in shared]
+    lines = [f"{len(shared)} recordings of {len(set(members))} members have an answer with every camera.", ""]
+    lines += ["| camera | method | within 10 µm | within 30 µm | 95 % | median error, µm | ≤1 DoF of its own |"]
+    lines += ["|---" * 7 + "|"]
+    for camera, answers in cameras.items():
+        rows = []
+        for method, by_sequence in answers.items():
+            held = [by_sequence.get(name, Answer(None, None)) for name in shared]
+            off = np.array([np.inf if one.error_um is None else abs(one.error_um) for one in held])
+            dof = np.array([np.inf if one.error_dof is None else abs(one.error_dof) for one in held])
+            mean, low, high = interval((off <= 30).astype(float), members)
+            ends = f"{100 * low:.0f}–{100 * high:.0f}"
+            cells = f"{np.mean(off <= 10):.0%} | {mean:.0%} | {ends} | {np.median(off):.1f} | {np.mean(dof <= 1):.0%}"
+            rows.append((float(np.median(off)), f"| `{camera}` | `{method}` | {cells} |"))
+        lines += [line for _, line in sorted(rows)]
+    return lines
+
+
+def main(given: Sequence[str] | None = None) -> int:
+    """Compare the cameras, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder that keeps what is made")
+    parser.add_argument("--camera", nargs="+", default=list(METHODS), choices=list(METHODS))
+    parser.add_argument("--members", type=int, default=24, help="members of assorted")
+    asked = parser.parse_args(given)
+    try:
+        answers = {name: run(name, folder=asked.out / name, members=asked.members) for name in asked.camera}
+        print("\n".join(table(answers)))
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
