@@ -15,18 +15,15 @@ from studies.laws.workload import DatasetMaker
 PHOTONS = (0.01, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0)
 DEAD_FRAMES = (0.05, 0.5, 2.0)
 AFTERPULSE = 0.1
+FRAMES, FRAMES_OF_RENEWALS = 20_000, 2000  # the latter because avalanche by avalanche costs fifty times as much
 BLOCK_FRAMES = 1000
 QUIET = {"dark": False, "response": False, "dead_time": False, "afterpulsing": False}
 BEGIN = 40  # frames after which a pixel has forgotten that it began alive
 
 
-def _size(quick: bool) -> tuple[int, tuple[int, int]]:
-    return (1000, (40, 64)) if quick else (20_000, (250, 400))
-
-
-def _rates(sensor: SpadSensor, photons: float, *, quick: bool, seed: int) -> np.ndarray:
+def _rates(sensor: SpadSensor, photons: float, *, frames: int, quick: bool, seed: int) -> np.ndarray:
     """Return the share of the frames in which each pixel detects a photon, (P,)."""
-    frames, shape = _size(quick)
+    frames, shape = (1000, (40, 64)) if quick else (frames, (250, 400))
     camera = SpadCamera(sensor, shape, seed=seed)
     light = np.full((1, 1, *shape), photons / sensor.gate, np.float32)
     seen = np.zeros(shape)
@@ -39,7 +36,7 @@ def _rates(sensor: SpadSensor, photons: float, *, quick: bool, seed: int) -> np.
     return (seen / (frames - BEGIN)).ravel()
 
 
-def _compare(sensors: dict[str, SpadSensor], *, quick: bool) -> Finding:
+def _compare(sensors: dict[str, SpadSensor], *, frames: int, quick: bool) -> Finding:
     """Compare the mean bit of each array in each light with :func:`detection_rate`."""
     comparisons, curves = [], []
     figures = len(sensors) * len(PHOTONS)
@@ -47,7 +44,7 @@ def _compare(sensors: dict[str, SpadSensor], *, quick: bool) -> Finding:
         found = [
             compare_mean(
                 f"{name}, {photons:g} photons",
-                _rates(sensor, photons, quick=quick, seed=seed),
+                _rates(sensor, photons, frames=frames, quick=quick, seed=seed),
                 expected=float(detection_rate(photons, sensor)),
                 figures=figures,
             )
@@ -76,19 +73,21 @@ def _passive(dead_frames: float) -> SpadSensor:
 
 def _check_saturation(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare arrays that the clock recharges, without afterpulses and with them."""
-    return _compare({"clocked": _clocked(), "clocked, afterpulses": _clocked(afterpulse=AFTERPULSE)}, quick=quick)
+    sensors = {"clocked": _clocked(), "clocked, afterpulses": _clocked(afterpulse=AFTERPULSE)}
+    return _compare(sensors, frames=FRAMES, quick=quick)
 
 
 def _check_dead_time(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare arrays that recharge themselves, with several dead times and afterpulses."""
-    return _compare({f"dead for {dead:g} frames": _passive(dead) for dead in DEAD_FRAMES}, quick=quick)
+    sensors = {f"dead for {dead:g} frames": _passive(dead) for dead in DEAD_FRAMES}
+    return _compare(sensors, frames=FRAMES_OF_RENEWALS, quick=quick)
 
 
 _COX = "D. R. Cox, Renewal Theory, 1962, section 5.2"
 _BY_CHANCE = (
     f"Only the scatter between pixels: all figures together fail correct code once in {1 / FALSE_ALARM:,.0f} runs."
 )
-_EVEN = f"Even light of {', '.join(map(str, PHOTONS))} photons per open gate; 20,000 frames of 100,000 pixels"
+_EVEN = f"Even light of {', '.join(map(str, PHOTONS))} photons per open gate; 100,000 pixels"
 LAWS = (
     Law(
         "photons_saturation",
@@ -96,7 +95,7 @@ LAWS = (
         "the next frame.",
         "rate = p/(1 − q·(1 − p)), p = 1 − exp(−H)",
         "S. Burri et al., Optics Express 22, 2014, doi:10.1364/OE.22.017573 (pixels of one bit); a chain of two states",
-        f"{_EVEN}, without afterpulses and with q = {AFTERPULSE:g}.",
+        f"{_EVEN} for {FRAMES:,} frames, without afterpulses and with q = {AFTERPULSE:g}.",
         _BY_CHANCE,
         _check_saturation,
     ),
@@ -105,7 +104,8 @@ LAWS = (
         "A pixel that recharges itself fires as a renewal process: its dead time, and then at once or after a wait.",
         "P(no avalanche in a frame) = ∫₁^∞ P(X > x) dx / E[X]; X = τ + (0 with q, else a wait of mean 1/H)",
         _COX,
-        f"{_EVEN}, dead for {', '.join(map(str, DEAD_FRAMES))} frames, q = {AFTERPULSE:g}.",
+        f"{_EVEN} for {FRAMES_OF_RENEWALS:,} frames, dead for {', '.join(map(str, DEAD_FRAMES))} frames, q = "
+        f"{AFTERPULSE:g}.",
         _BY_CHANCE,
         _check_dead_time,
     ),

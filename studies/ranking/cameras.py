@@ -4,8 +4,9 @@
 
 Each evaluation is a folder, or its ``records.jsonl``, of the same sequences by another camera (``saf-gen recapture``);
 the others are compared with the first. Printed are the share of the answers within one and within half a depth of focus
-for each camera and method, and the difference of the best method of each camera from the best of the first. Only
-recordings that have an answer with every camera count. Intervals are of 95 %: members are drawn again.
+for each camera and method, how many bits per pixel leave the chip until the answer, and the difference of the best
+method of each camera from the best of the first. Only recordings that have an answer with every camera count. Intervals
+are of 95 %: members are drawn again.
 """
 
 import argparse
@@ -17,9 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.benchmark.records import Record, read_records
+from saf_gen.camera.events import event_sensor_names
+from saf_gen.camera.frames import frame_sensor_names, get_frame_sensor
 from saf_gen.errors import BadInput
 
 DRAWS, SEED = 10_000, 1
+EVENT_BITS = 64  # address and time of an event as cameras send them: AEDAT 2, 32 bits each
 
 Answers = Mapping[str, Mapping[str, Record]]
 """Records by method and sequence."""
@@ -43,6 +47,22 @@ def interval(values: np.ndarray, members: Sequence[str]) -> tuple[float, float, 
     return float(values.mean()), float(low), float(high)
 
 
+def bits_per_pixel(record: Record) -> float:
+    """Return the bits per pixel that leave the chip in the frames that a method saw; a name of a sensor tells its kind.
+
+    One per readout of a spike or photon, the bits of a number per frame, and with events their mean rate over the
+    recording. NaN if the record does not name its sensor.
+    """
+    if record.sensor is None:
+        return np.nan
+    name = record.sensor.partition("#")[0]  # of a preset that was changed
+    if name in frame_sensor_names():
+        return float(record.frames_seen * get_frame_sensor(name).bits)
+    if name in event_sensor_names():
+        return np.nan if record.mean_rate is None else record.mean_rate * record.frames_seen * EVENT_BITS
+    return float(record.frames_seen)
+
+
 def compare(cameras: Mapping[str, Answers]) -> list[str]:
     """Return the lines of both tables.
 
@@ -55,7 +75,7 @@ def compare(cameras: Mapping[str, Answers]) -> list[str]:
         raise BadInput("no recording has an answer in all evaluations", allowed="evaluations of the same sequences")
     members = [name.rpartition("-")[0] for name in shared]
     lines = [f"{len(shared)} recordings of {len(set(members))} members have an answer with every camera.", ""]
-    lines += ["| camera | method | ≤½ DoF | ≤1 DoF | 95 % | median error, DoF |", "|---|---|---|---|---|---|"]
+    lines += ["| camera | method | ≤½ DoF | ≤1 DoF | 95 % | median error, DoF | bits per pixel |", "|---" * 7 + "|"]
     best: dict[str, np.ndarray] = {}
     heads: dict[str, str] = {}
     for camera, answers in cameras.items():
@@ -65,13 +85,16 @@ def compare(cameras: Mapping[str, Answers]) -> list[str]:
             one = np.array([record is not None and bool(record.success_1dof) for record in held], float)
             half = np.array([record is not None and bool(record.success_half_dof) for record in held], float)
             errors = [abs(record.error_dof) for record in held if record is not None and record.error_dof is not None]
-            rows.append((one, half, method, float(np.median(errors)) if errors else np.nan))
+            bits = float(np.median([bits_per_pixel(record) for record in held if record is not None]))
+            rows.append((one, half, method, float(np.median(errors)) if errors else np.nan, bits))
         rows.sort(key=lambda row: (row[0].mean(), row[1].mean()), reverse=True)
         best[camera], heads[camera] = rows[0][0], rows[0][2]
-        for one, half, method, error in rows:
+        for one, half, method, error, bits in rows:
             mean, low, high = interval(one, members)
             ends = f"{100 * low:.0f}–{100 * high:.0f}"
-            lines.append(f"| {camera} | `{method}` | {half.mean():.0%} | {mean:.0%} | {ends} | {error:.2f} |")
+            lines.append(
+                f"| {camera} | `{method}` | {half.mean():.0%} | {mean:.0%} | {ends} | {error:.2f} | {bits:,.0f} |"
+            )
     first, *others = cameras
     lines += ["", f"| best method of | points that `{heads[first]}` with {first} is ahead | 95 % |", "|---|---|---|"]
     for camera in others:

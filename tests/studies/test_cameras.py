@@ -1,5 +1,6 @@
 """The comparison of cameras: which recordings count, what is best, and how far it is ahead."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from handmade_records import failed, record
 
 from saf_gen.benchmark.records import write_records
-from studies.ranking.cameras import interval, main
+from studies.ranking.cameras import bits_per_pixel, interval, main
 
 MEMBERS = 12
 
@@ -47,6 +48,25 @@ def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, ca
     photons = write("photons", answers("a+s", set(range(24))), [failed("b+s", "m0-dim", "failed", blur_px=None)])
     assert main([spikes, photons]) == 0
     assert "| photons | `b+s` | 0% | 0% |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("sensor", "bits"),
+    [
+        ("vidar_128x128", 300),
+        ("qvga_spad", 300),
+        ("imx273", 3600),
+        ("imx273#88a75e", 3600),  # a preset that was changed
+        ("davis346", 0.01 * 300 * 64),
+    ],
+)
+def test_bits_leave_the_chip_as_the_kind_of_the_sensor_says(sensor, bits):
+    seen = replace(record("a+s", "m0-dim", 0.2), sensor=sensor, frames_seen=300, mean_rate=0.01)
+    assert bits_per_pixel(seen) == pytest.approx(bits)
+
+
+def test_bits_of_an_unknown_sensor_are_unknown():
+    assert np.isnan(bits_per_pixel(replace(record("a+s", "m0-dim", 0.2), sensor=None)))
 
 
 def test_an_interval_holds_the_mean_of_members_as_often_as_it_says():
