@@ -12,8 +12,10 @@ from scipy.special import j1
 
 from saf_gen import encode, get_measure, get_search, get_sensor
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.tracks.closed_loop import finish_run
-from saf_gen.benchmark.view.running_camera import CapturedFrames, Clock, RunningCamera, SweepView
+from saf_gen.benchmark.tracks.closed_loop_run import finish_run
+from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.clock import Clock
+from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.capture import Capture
@@ -109,7 +111,7 @@ def time_to_focus(capture, search, sweep):
     frame = (slice(0, capture.sensor.rows), slice(0, capture.sensor.columns))
     drive = get_actuator("ideal", speed=capture.sensor.readout_hz / sweep)
     camera = RunningCamera(
-        CapturedFrames(capture, charge_source, region=frame), get_measure("sd"), actuator=drive,
+        CapturedSpikes(capture, charge_source, region=frame), get_measure("sd"), actuator=drive,
         start=0.0, seed=1, budget=capture.frames, clock=Clock(capture.sensor.readout_hz),
     )  # fmt: skip
     view = SweepView(camera, begin=0.0, end=1.0, frames=sweep)

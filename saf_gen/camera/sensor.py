@@ -57,6 +57,9 @@ class NoiseSwitches:
 # percent.
 MAX_DARK_RATE = 0.5
 PixelCount = Annotated[int, between(1, 16_384, unit="pixels", integer=True)]
+Pitch = Annotated[float, between(2e-7, 1e-3, unit="metres")]
+FillFactor = Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
+Wavelength = Annotated[float, between(1e-7, 1e-5, unit="metres")]
 Celsius = Annotated[float, between(-100, 150, unit="°C")]
 Fraction = Annotated[float, between(0, 1, unit="of all pixels")]
 ResponseRms = Annotated[float, between(0, 0.3, unit="of the mean")]
@@ -103,6 +106,10 @@ def spectral_curve(names: tuple[str, ...]) -> PlainValidator:
 
     table = "[[400, 0.1], [500, 0.8], …], pairs of a rising wavelength in nm and a fraction"
     return PlainValidator(checked(fits, f"{', '.join(names)}, or {table}", convert=convert))
+
+
+SpectralQe = Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])]
+Filter = Annotated[SpectralCurve, spectral_curve(CURVES["filter"])]
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -200,12 +207,12 @@ class Sensor:
     name: Text
     rows: PixelCount
     columns: PixelCount
-    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    pitch_m: Pitch
     readout_hz: Annotated[float, between(1, 1e7, unit="hertz")]
     threshold_e: Annotated[float, between(1e-3, 1e7, unit="electrons")]
     quantum_efficiency: Annotated[float, between(1e-4, 1, unit="electrons per photon")]
-    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
-    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
+    fill_factor: FillFactor
+    wavelength_m: Wavelength
     reset: Literal["subtract", "hard"]
     saturation: Literal["subtract", "dead_readout"]
     reset_loss: Annotated[float, between(0, 1, unit="of the next readout's charge")]
@@ -240,8 +247,8 @@ class Sensor:
     dark_doubling_k: Annotated[float, between(1, 100, unit="kelvins")] = 8.0
     dark_temperature_c: Celsius = 25.0
     temperature_c: Celsius = 25.0
-    spectral_qe: Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])] = "silicon"
-    filter: Annotated[SpectralCurve, spectral_curve(CURVES["filter"])] = "none"
+    spectral_qe: SpectralQe = "silicon"
+    filter: Filter = "none"
 
     def __post_init__(self) -> None:
         if self.noise.shot and self.threshold_e < 25:
@@ -342,12 +349,6 @@ def _interpolated(table: tuple[tuple[float, float], ...]) -> np.ndarray:
     nm, values = np.array(table).T
     return np.interp(NM, nm, values, left=0.0, right=0.0)
 
-
-OF_PLACE = (
-    "rows", "columns", "pitch_m", "fill_factor", "quantum_efficiency", "wavelength_m", "spectral_qe", "filter",
-    "exposure_s",
-)  # fmt: skip
-"""Fields that another camera has from where it stands and what it looks at, if it takes the place of a spike camera."""
 
 PRESETS = Presets("sensor", Sensor, folder=Path(__file__).parent / "sensors")
 

@@ -13,16 +13,12 @@ from typing import Any
 import numpy as np
 
 from saf_gen.benchmark.admission import admit_method
-from saf_gen.benchmark.tracks.closed_loop import judge_run, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.view.captured_spikes import SpikePlanes
+from saf_gen.benchmark.view.clock import PACKET_FRAMES
 from saf_gen.benchmark.view.operations import OPERATIONS_PER_S
-from saf_gen.benchmark.view.running_camera import (
-    PACKET_FRAMES,
-    REST_TOLERANCE,
-    CapturedFrames,
-    SpikePlanes,
-    rows_in_view,
-)
+from saf_gen.benchmark.view.running_camera import REST_TOLERANCE
 from saf_gen.core import bits
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.core.seeds import derive_seed
@@ -170,7 +166,7 @@ class LiveCamera:
             box: Region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
             if name == "target" and target is not None and target.any():
                 box = bounding_box(target)
-            rows = rows_in_view(capture, box)
+            rows = capture.encoder_rows(box)
             if name not in self._sources:
                 self._sources[name] = capture.open_charge_source(rows)
             if self._starts:
@@ -447,11 +443,11 @@ class _SpikeTrains:
         return image
 
 
-class _RunFrames(CapturedFrames):
+class _RunFrames(SpikePlanes):
     """The frames that a method sees, recorded by the live camera; frames count from the beginning of the run."""
 
     def __init__(self, camera: LiveCamera, capture: Capture, *, watch: Callable[[int], None]) -> None:
-        SpikePlanes.__init__(self, np.zeros((-(-capture.frames // PACKET_FRAMES), *camera.shape), np.uint8))
+        super().__init__(np.zeros((-(-capture.frames // PACKET_FRAMES), *camera.shape), np.uint8))
         self.capture, self.frames, self._camera, self._watch = capture, 0, camera, watch
 
     def encode_until(self, stop: int, position: np.ndarray) -> None:

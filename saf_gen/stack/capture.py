@@ -15,6 +15,7 @@ from saf_gen.camera import LANES, BitSensor, CountingSensor, Encoder, parse_sens
 from saf_gen.camera.frames import FrameCamera, FrameSensor
 from saf_gen.camera.spad import SpadCamera
 from saf_gen.core.config.json_document import load_plain_json
+from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Colour
@@ -143,10 +144,10 @@ class Capture:
             raise BadInput(f"{self.sensor.name} reads out frames", allowed="a camera that reads out bits")
         return self.sensor
 
-    @property
-    def row_alignment(self) -> int:
-        """The first row of an encoder must be a multiple of this number."""
-        return LANES // gcd(self.sensor.columns, LANES)
+    def encoder_rows(self, region: Region) -> slice:
+        """Return the rows that an encoder needs for a region, from the beginning of a block of its noise."""
+        step = LANES // gcd(self.sensor.columns, LANES)
+        return slice(region[0].start // step * step, region[0].stop)
 
     def open_charge_source(self, rows: slice | None = None) -> ChargeSource:
         """Return the source of the charge collected in these rows (all by default); many runs may share it."""

@@ -23,7 +23,6 @@ from training import PROTOCOL, Trained, check_options, keep_best, parse_options,
 from saf_gen.benchmark.gym import AutofocusEnv
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.benchmark.view.running_camera import rows_in_view
 from saf_gen.core import seeds
 from saf_gen.stream.manifest import read_manifest
 
@@ -61,7 +60,7 @@ class CroppedEnv(AutofocusEnv):
         if not kept:
             size = seeds.make_generator(NAME, "box", task.id).uniform(SMALLEST, 1) if self._varied else 1.0
             box = _crop(found.box[0], round(size * ROWS)), _crop(found.box[1], round(size * COLUMNS))
-            charge_source = found.capture.open_charge_source(rows_in_view(found.capture, box))
+            charge_source = found.capture.open_charge_source(found.capture.encoder_rows(box))
             self._sequences[task.id] = found = replace(found, box=box, charge_source=charge_source)
         return found
 

@@ -13,7 +13,8 @@ from refusals import assert_says, refusal
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, format_records, read_records, record_to_json
 from saf_gen.benchmark.tracks.beside_truth import optimum_fields, sharpness_fields
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.leaderboard.notes import notes_on
 from saf_gen.leaderboard.ranking import rank_methods
 from saf_gen.leaderboard.tables import ranking

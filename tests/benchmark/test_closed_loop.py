@@ -12,16 +12,12 @@ import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.running_camera import (
-    BudgetSpentError,
-    CapturedFrames,
-    Clock,
-    RunningCamera,
-    SweepView,
-    rows_in_view,
-)
+from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.clock import Clock
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError
+from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
@@ -48,9 +44,9 @@ def capture(dataset):
 
 
 def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
-    charge_source = capture.open_charge_source(rows_in_view(capture, WHOLE))
+    charge_source = capture.open_charge_source(capture.encoder_rows(WHOLE))
     return RunningCamera(
-        CapturedFrames(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
+        CapturedSpikes(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
         start=at, seed=1, budget=budget, clock=Clock(capture.sensor.readout_hz),
     )  # fmt: skip
 
@@ -107,7 +103,7 @@ def run(capture, search, **protocol):
 
 
 def run_method(capture, method, *, protocol=None, charge_source=None):
-    captured = CapturedFrames(capture, charge_source or capture.open_charge_source(), region=WHOLE)
+    captured = CapturedSpikes(capture, charge_source or capture.open_charge_source(), region=WHOLE)
     return run_closed_loop(captured, method, protocol=protocol or ClosedLoopProtocol(IDEAL))
 
 
@@ -115,7 +111,7 @@ def test_the_camera_sees_the_stack_at_the_position_of_the_lens(capture):
     """The SD of 320 frames at the truth equals that of a recording made there, and is smaller away from it."""
     sharp = start(capture, at=capture.truth.position).score(0, 320)
     blurred = start(capture).score(0, 320)
-    captured = CapturedFrames(capture, capture.open_charge_source(), region=WHOLE)
+    captured = CapturedSpikes(capture, capture.open_charge_source(), region=WHOLE)
     captured.encode_until(320, np.full(800, capture.truth.position))
     assert sharp == get_measure("sd")(captured.window(0, 320))
     assert blurred < 0.9 * sharp

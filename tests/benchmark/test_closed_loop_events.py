@@ -11,12 +11,13 @@ from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence, judge_run, run_closed_loop, start_camera
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.view import captured_events
 from saf_gen.benchmark.view.captured_events import CapturedEvents
-from saf_gen.benchmark.view.captured_exposures import clock_of
+from saf_gen.benchmark.view.clock import clock_of
 from saf_gen.camera.events import get_event_sensor
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.event_capture import EventCapture, record_events
@@ -68,7 +69,7 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_events(recorded, name):
     move, and of a thousand events one or two come or stay away.
     """
     running = sequence(recorded[name])
-    captured = running.make_captured_frames()
+    captured = running.make_captured()
     assert isinstance(captured, CapturedEvents)
     frames = running.capture.frames // 8 * 8
     captured.encode_until(frames, logged_path(recorded[name]))
@@ -95,7 +96,7 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_events(recorded, name):
 def test_events_are_those_of_the_recording_where_cells_are_cut_alike(recorded, name):
     """Bit for bit, with one course for the whole recording, as a recording has."""
     running = sequence(recorded[name])
-    captured = running.make_captured_frames()
+    captured = running.make_captured()
     frames, path = running.capture.frames // 8 * 8, logged_path(recorded[name])
     middles = (np.arange(len(path)) + 0.5) / HZ
     camera = captured._start()
@@ -114,7 +115,7 @@ def test_events_are_those_of_the_recording_where_cells_are_cut_alike(recorded, n
 @pytest.mark.parametrize("name", [STILL[1], MOVING])
 def test_events_do_not_depend_on_how_often_a_method_looks(recorded, name):
     running = sequence(recorded[name])
-    at_once, in_steps = running.make_captured_frames(), running.make_captured_frames(threads=1)
+    at_once, in_steps = running.make_captured(), running.make_captured(threads=1)
     path = logged_path(recorded[name])
     at_once.encode_until(400, path)
     windows = []
@@ -132,7 +133,7 @@ def test_a_region_holds_the_events_that_the_whole_array_has_there(recorded):
     part = replace(whole, box=(slice(7, 31), slice(12, 51)))
     path, counts = logged_path(recorded[STILL[0]]), []
     for running in (whole, part):
-        captured = running.make_captured_frames()
+        captured = running.make_captured()
         captured.encode_until(240, path)
         counts.append(captured.window(3, 237))
     np.testing.assert_array_equal(counts[0][part.box], counts[1])
@@ -140,7 +141,7 @@ def test_a_region_holds_the_events_that_the_whole_array_has_there(recorded):
 
 def test_another_path_begins_anew_and_the_same_one_keeps_its_events(recorded, monkeypatch):
     running = sequence(recorded[STILL[0]])
-    shared, alone = running.make_captured_frames(), running.make_captured_frames()
+    shared, alone = running.make_captured(), running.make_captured()
     there = np.linspace(0, 1, 320)
     back = np.where(np.arange(320) < 160, there, there[159])
     shared.encode_until(320, there)
@@ -158,7 +159,7 @@ def test_the_clock_is_that_of_the_readouts_by_which_lens_and_truth_are_logged(re
     running = sequence(recorded[STILL[0]])
     clock = clock_of(running.capture)
     assert (clock.readout_hz, clock.packet, clock.steps) == (HZ, 8, 1)
-    camera = start_camera(running.make_captured_frames(), None, protocol=ClosedLoopProtocol(FAST), start=0.25)
+    camera = start_camera(running.make_captured(), None, protocol=ClosedLoopProtocol(FAST), start=0.25)
     camera.move(0.75)
     camera.wait(3)
     assert camera.now == 8
@@ -166,9 +167,9 @@ def test_the_clock_is_that_of_the_readouts_by_which_lens_and_truth_are_logged(re
 
 def test_a_lens_at_rest_sees_the_events_of_noise_alone(recorded):
     running = sequence(recorded[STILL[0]])
-    captured = running.make_captured_frames()
+    captured = running.make_captured()
     captured.encode_until(800, np.full(800, 0.5))
-    swept = running.make_captured_frames()
+    swept = running.make_captured()
     swept.encode_until(800, np.linspace(0, 1, 800))
     assert captured.window(0, 800).sum() < 0.1 * swept.window(0, 800).sum()
 
@@ -176,7 +177,7 @@ def test_a_lens_at_rest_sees_the_events_of_noise_alone(recorded):
 def test_a_search_finds_the_focus_in_events(recorded):
     running = sequence(recorded[STILL[0]])
     protocol = ClosedLoopProtocol(FAST)
-    run = run_closed_loop(running.make_captured_frames(), parse_method("er_count+egs_code"), protocol=protocol)
+    run = run_closed_loop(running.make_captured(), parse_method("er_count+egs_code"), protocol=protocol)
     assert run.problem == ""
     found = judge_run(run, running.capture.truth, readout_hz=HZ)
     assert abs(found["error_dof"]) < 4

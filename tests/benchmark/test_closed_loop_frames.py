@@ -9,10 +9,12 @@ from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence, judge_run, run_closed_loop, start_camera
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.benchmark.view.captured_exposures import LENS_HZ, CapturedExposures, clock_of
+from saf_gen.benchmark.view.captured_exposures import CapturedExposures
+from saf_gen.benchmark.view.clock import LENS_HZ, clock_of
 from saf_gen.camera.frames import get_frame_sensor
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.frame_capture import record_frames
@@ -50,7 +52,7 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_frames(captured_dataset,
     """But for the rounding of a float32 charge, which turns a few draws of the noise."""
     task = record(captured_dataset, tmp_path, name)
     running = sequence(task)
-    captured, clock = running.make_captured_frames(), clock_of(running.capture)
+    captured, clock = running.make_captured(), clock_of(running.capture)
     assert isinstance(captured, CapturedExposures)
     with saf_gen.open_stream(captured_dataset / "test" / f"{name}.h5") as spikes, open_frames(task.path) as recorded:
         readouts = (np.arange(recorded.shape[0] * clock.steps) + 0.5) / clock.lens_hz * spikes.readout_hz - 0.5
@@ -64,7 +66,7 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_frames(captured_dataset,
 
 def test_frames_before_a_turn_of_the_lens_are_kept_and_all_others_exposed_anew(captured_dataset, tmp_path):
     running = sequence(record(captured_dataset, tmp_path, STILL[0]))
-    shared, alone = running.make_captured_frames(), running.make_captured_frames()
+    shared, alone = running.make_captured(), running.make_captured()
     steps = clock_of(running.capture).steps
     there, back = np.linspace(0, 1, 20 * steps), np.linspace(0, 1, 20 * steps)
     back[8 * steps :] = back[8 * steps - 1]
@@ -85,7 +87,7 @@ def test_the_clock_of_a_frame_camera_follows_the_lens_within_a_frame(captured_da
     assert (clock.readout_hz, clock.packet, clock.rest_check) == (HZ, 1, 1)
     assert clock.lens_hz >= LENS_HZ
     assert (clock.moment + 0.5) / clock.lens_hz == pytest.approx(2e-4, abs=1 / clock.lens_hz)  # amid the exposure
-    camera = start_camera(running.make_captured_frames(), None, protocol=ClosedLoopProtocol(FAST), start=0.25)
+    camera = start_camera(running.make_captured(), None, protocol=ClosedLoopProtocol(FAST), start=0.25)
     camera.move(0.75)
     camera.wait(3)
     assert camera.now == 3
@@ -97,7 +99,7 @@ def test_a_search_finds_the_focus_in_frames(captured_dataset, tmp_path):
     running = sequence(record(captured_dataset, tmp_path, STILL[0]))
     protocol = ClosedLoopProtocol(FAST)
     for method in ("tenengrad+argmax:window=1", "tenengrad+golden_section:dt=1"):
-        run = run_closed_loop(running.make_captured_frames(), parse_method(method), protocol=protocol)
+        run = run_closed_loop(running.make_captured(), parse_method(method), protocol=protocol)
         assert run.problem == "", method
         found = judge_run(run, running.capture.truth, readout_hz=HZ)
         assert abs(found["error_dof"]) < 2, method

@@ -9,7 +9,7 @@ from planted_sweeps import make_spikes
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, judge_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, judge_crossing, judge_location, truncate_truth
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator

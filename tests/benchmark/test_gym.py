@@ -22,7 +22,7 @@ from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
 from saf_gen.benchmark.gym.episode import average_observation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import format_records, read_records
-from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.cli import app
 from saf_gen.errors import BadInput
@@ -158,7 +158,7 @@ def run_benchmark(sequence, look, *positions):
             return Answer(position=positions[-1])
 
     method = Method("sd+x", get_measure("sd"), Search(), "0" * 12)
-    return run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL), seen
+    return run_closed_loop(sequence.make_captured(), method, protocol=PROTOCOL), seen
 
 
 def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):

@@ -9,7 +9,7 @@ from test_versions import make_sequence
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.admission import cost_of, describe_undeclared
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.tracks.closed_loop import run_closed_loop, start_camera
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.operations import UNDECLARED, DeclaredCost, declared_cost, reference_rate
 from saf_gen.leaderboard.ranking import rank_methods
@@ -22,7 +22,7 @@ VOICE_COIL = get_actuator("voice_coil")
 def run(method, rate=None):
     sequence = make_sequence()
     protocol = ClosedLoopProtocol(VOICE_COIL, operations_per_s=rate)
-    return sequence, run_closed_loop(sequence.make_captured_frames(), parse_method(method), protocol=protocol)
+    return sequence, run_closed_loop(sequence.make_captured(), parse_method(method), protocol=protocol)
 
 
 @pytest.mark.parametrize("method", ["sd+argmax:window=40", "sd+golden_section", "sd_calibrated+photon_aware"])
@@ -49,7 +49,7 @@ def test_the_clock_advances_by_the_operations_at_the_stated_rate(method):
 def test_the_camera_runs_on_until_what_was_computed_is_done():
     """A window of 40 frames, and 1e5 operations at 1e7 a second: 10 ms, which are 200 frames."""
     protocol = ClosedLoopProtocol(VOICE_COIL, operations_per_s=1e7)
-    camera = start_camera(make_sequence().make_captured_frames(), get_measure("sd"), protocol=protocol)
+    camera = start_camera(make_sequence().make_captured(), get_measure("sd"), protocol=protocol)
     camera.scorer.cost = DeclaredCost(0.0, 1e5, 0.0)
     camera.score(0, 40)
     assert camera.now == 240

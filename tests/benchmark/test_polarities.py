@@ -13,8 +13,10 @@ from saf_gen.benchmark.admission import admit_method, run_method
 from saf_gen.benchmark.conformance import check_search
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.view.captured_exposures import CapturedExposures
+from saf_gen.benchmark.view.captured_spikes import SpikePlanes
+from saf_gen.benchmark.view.clock import Clock
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
-from saf_gen.benchmark.view.running_camera import Clock, RunningCamera, SpikePlanes, SweepView
+from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import wants_polarities
 from saf_gen.stream.event_file import EventColumns, EventWriter

@@ -15,7 +15,7 @@ from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json, write_records
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, judge_run
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth

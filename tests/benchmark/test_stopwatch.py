@@ -8,11 +8,12 @@ from in_memory_stream import InMemory
 
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.search_run import run_search
-from saf_gen.benchmark.tracks import closed_loop
+from saf_gen.benchmark.tracks import closed_loop_run
 from saf_gen.benchmark.view import recording
+from saf_gen.benchmark.view.clock import Clock
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
-from saf_gen.benchmark.view.running_camera import Clock, RunningCamera
+from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.core import stopwatch
 from saf_gen.core.stopwatch import Stopwatch
 from saf_gen.optics.actuators import get_actuator
@@ -183,10 +184,10 @@ def test_the_run_of_a_method_says_what_it_computed(clock, monkeypatch, commands,
             return done
 
     Search.commands = commands
-    monkeypatch.setattr(closed_loop, "start_camera", lambda *_, **__: camera)
+    monkeypatch.setattr(closed_loop_run, "start_camera", lambda *_, **__: camera)
     protocol = SimpleNamespace(count_frames=lambda capture: (800, 320))
     captured = SimpleNamespace(capture=None)
-    run = closed_loop.run_closed_loop(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
+    run = closed_loop_run.run_closed_loop(captured, Method("a+b", np.mean, Search(), "c"), protocol=protocol)
     assert run.problem == ("the budget of 800 frames was spent" if frames > 800 else "")
     assert clock.now > ENCODES + DRIVES
     assert (run.windows, run.seconds) == (2, 3 * THINKS + 2 * SCORES)

@@ -13,10 +13,10 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, Record
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.benchmark.view.running_camera import rows_in_view
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.optics import ImageDistanceDrive
@@ -110,7 +110,7 @@ def make_sequence() -> ClosedLoopSequence:
     """Return a sequence of that capture with a box where methods look."""
     capture, box = make_capture(), (slice(4, 20), slice(2, 28))
     task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
-    charge_source = capture.open_charge_source(rows_in_view(capture, box))
+    charge_source = capture.open_charge_source(capture.encoder_rows(box))
     return ClosedLoopSequence(task, capture, box, "target", charge_source, "")
 
 
@@ -137,7 +137,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
     for drive in ("voice_coil", "liquid_lens"):
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
-            run = run_closed_loop(sequence.make_captured_frames(), method, protocol=protocol)
+            run = run_closed_loop(sequence.make_captured(), method, protocol=protocol)
             known = {"method": method.name, "code": "", "parameters": "", "obstacle": None}
             records.append(sequence.make_record(run, protocol, known=known))
     assert digest(numbers(records)) == CLOSED_LOOP

@@ -10,7 +10,7 @@ from small_dataset import HERE
 
 from saf_gen.benchmark.gym import AutofocusEnv
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop import run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.plugins.measures import get_measure
@@ -81,7 +81,7 @@ def test_the_search_sees_and_commands_what_the_environment_showed_and_did(traini
     (task,) = inner.tasks
     sequence = inner.load_sequence(task)
     method = Method("m", get_measure(training.MEASURE), search, "")
-    run = run_closed_loop(sequence.make_captured_frames(), method, protocol=PROTOCOL)
+    run = run_closed_loop(sequence.make_captured(), method, protocol=PROTOCOL)
     assert run.problem == ""
     assert np.allclose(network.seen, shown[: len(ACTIONS)], atol=1e-5)
     assert run.commanded_positions == inner.episode.run.commanded_positions

@@ -26,9 +26,10 @@ from saf_gen.benchmark.conformance._check_runner import (
 from saf_gen.benchmark.conformance._samples import BEST_FOCUS, OVEREXPOSURE, SyntheticRecording, make_scene
 from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_statements
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.running_camera import BudgetSpentError, CapturedFrames
+from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import actuator_names, get_actuator
@@ -146,7 +147,7 @@ def run_on_scene(
     )
     protocol = ClosedLoopProtocol(get_actuator(actuator), budget_s=frames / capture.sensor.readout_hz)
     region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
-    captured = CapturedFrames(capture, charge_source, region=region, threads=1)
+    captured = CapturedSpikes(capture, charge_source, region=region, threads=1)
     run = run_closed_loop(captured, checked, protocol=protocol)
     if run.problem:
         raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or abstain")

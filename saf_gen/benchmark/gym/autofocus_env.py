@@ -82,7 +82,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     which the benchmark counts as a failure.
 
     The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, the result of
-    :func:`saf_gen.benchmark.tracks.closed_loop.judge_run`.
+    :func:`saf_gen.benchmark.tracks.closed_loop_run.judge_run`.
 
     ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; n and the number
     of episodes since then determine them. ``reset(options={"sequence": ID})`` uses that sequence, and the initial

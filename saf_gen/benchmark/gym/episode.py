@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.tracks.closed_loop import (
+from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
+from saf_gen.benchmark.tracks.closed_loop_run import (
     ClosedLoopRun,
-    ClosedLoopSequence,
     explain_spent_budget,
     finish_run,
     judge_run,
     start_camera,
 )
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.running_camera import PACKET_FRAMES
+from saf_gen.benchmark.view.clock import PACKET_FRAMES
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
@@ -69,7 +69,7 @@ class Episode:
         threads: int | None = None,
     ) -> None:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
-        captured = replace(sequence, capture=capture).make_captured_frames(threads=threads)
+        captured = replace(sequence, capture=capture).make_captured(threads=threads)
         self._camera = start_camera(captured, _no_score, protocol=protocol)
         self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
         self._budget = protocol.count_frames(capture)[0]

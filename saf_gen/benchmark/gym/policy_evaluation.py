@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
 from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
 from saf_gen.benchmark.search_run import describe_exception
-from saf_gen.benchmark.tracks.closed_loop import ClosedLoopRun
+from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.predictions import METHOD_NAME
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, measure_rate
 from saf_gen.benchmark.view.recording import WindowCounts

@@ -5,8 +5,8 @@ import re
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from saf_gen.benchmark.view.captured_exposures import clock_of
-from saf_gen.benchmark.view.running_camera import REST_TOLERANCE, Clock
+from saf_gen.benchmark.view.clock import Clock, clock_of
+from saf_gen.benchmark.view.running_camera import REST_TOLERANCE
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, Actuator
 from saf_gen.stack.capture import Capture

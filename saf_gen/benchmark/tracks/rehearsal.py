@@ -10,8 +10,9 @@ import numpy as np
 
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.view.clock import Clock
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
-from saf_gen.benchmark.view.running_camera import Clock, RunningCamera
+from saf_gen.benchmark.view.running_camera import RunningCamera
 from saf_gen.errors import SafGenError
 from saf_gen.optics.actuators import Actuator
 from saf_gen.parts import Search, commands

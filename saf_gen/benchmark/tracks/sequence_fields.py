@@ -18,7 +18,7 @@ from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.camera import Sensor
 from saf_gen.camera.events import event_sensor_names, get_event_sensor
-from saf_gen.camera.sensor import OF_PLACE
+from saf_gen.camera.exposed_sensor import OF_PLACE
 from saf_gen.camera.sensor_files import KINDS, OF_KIND
 from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
@@ -291,7 +291,7 @@ def _digest(sensor: Any) -> str:
     Those of a camera that stands in the place of a spike camera, and the exposure that it chose, are left out, too.
     """
     numbers = sensor.as_dict()
-    for key in ("name", "sources", *(() if isinstance(sensor, Sensor) else OF_PLACE)):
+    for key in ("name", "sources", *(() if isinstance(sensor, Sensor) else (*OF_PLACE, "exposure_s"))):
         del numbers[key]
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 

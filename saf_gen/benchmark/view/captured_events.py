@@ -12,7 +12,7 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from saf_gen.benchmark.view.running_camera import PACKET_FRAMES
+from saf_gen.benchmark.view.clock import PACKET_FRAMES
 from saf_gen.camera import LightCourse
 from saf_gen.camera.events import EventSensor
 from saf_gen.camera.events.camera import Events

@@ -1,43 +1,17 @@
 """The frames that a running frame camera has captured, while a method moves its lens."""
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import numpy as np
 
+from saf_gen.benchmark.view.clock import clock_of
 from saf_gen.benchmark.view.restricted_view import no_polarities
-from saf_gen.benchmark.view.running_camera import Clock
-from saf_gen.camera.frames import FrameSensor
 from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.frame_capture import expose_light, row_starts_s
-
-LENS_HZ = 20_000.0
-"""Steps per second in which the lens is followed, at least: as often as a spike camera reads out."""
-
-
-def clock_of(capture: Capture) -> Clock:
-    """Return how time passes for the camera of a capture.
-
-    A frame camera delivers frame by frame, each with the lens where it is amid the exposure. Raises BadInput if a row
-    of it is still exposed when the next frame begins.
-    """
-    sensor = capture.sensor
-    if not isinstance(sensor, FrameSensor):
-        return Clock(sensor.readout_hz)
-    starts_s, hz = row_starts_s(sensor), sensor.readout_hz
-    if (ends_s := float(starts_s[-1]) + sensor.exposure_s) > (1 + 1e-9) / hz:
-        raise BadInput(
-            f"the last row of {sensor.name} is exposed until {ends_s * 1e3:.4g} ms after a frame begins",
-            allowed=f"{1e3 / hz:.4g} ms, the time of a frame, in the closed loop",
-            hint="choose a shorter exposure, or use --track recorded",
-        )
-    steps = math.ceil(LENS_HZ / hz)
-    middle_s = float(starts_s.mean()) + sensor.exposure_s / 2
-    return Clock(hz, packet=1, steps=steps, moment=min(int(middle_s * hz * steps), steps - 1))
 
 
 class CapturedExposures:
@@ -55,6 +29,8 @@ class CapturedExposures:
         Integral of the gain of each lamp over time, in seconds.
     region : Region
         Region of the sensor; both ends of its slices are numbers.
+    threads : int, optional
+        As of other cameras; frames are exposed one after another.
     """
 
     def __init__(
@@ -64,6 +40,7 @@ class CapturedExposures:
         *,
         integrals: Sequence[Callable[[np.ndarray], np.ndarray]],
         region: Region,
+        threads: int | None = None,
     ) -> None:
         self.capture, self.textures_s = capture, 0.0
         self._source, self._integrals, self._region = charge_source, integrals, region

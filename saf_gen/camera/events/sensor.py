@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from saf_gen.camera.sensor import PixelCount
+from saf_gen.camera.sensor import FillFactor, Pitch, PixelCount, Wavelength
 from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
 
 
@@ -103,10 +103,10 @@ class EventSensor:
     name: Text
     rows: PixelCount
     columns: PixelCount
-    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    pitch_m: Pitch
     quantum_efficiency: Annotated[float, between(1e-4, 1, unit="electrons per photon")]
-    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
-    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
+    fill_factor: FillFactor
+    wavelength_m: Wavelength
     dark_e_per_s: Annotated[float, between(1e-3, 1e9, unit="electrons per second")]
     threshold_on: Threshold
     threshold_off: Threshold

@@ -1,24 +1,16 @@
 """Frame cameras: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from saf_gen.camera.sensor import (
-    CURVES,
-    OF_PLACE,
-    PixelCount,
-    ResponseRms,
-    Sensor,
-    SpectralCurve,
-    spectral_curve,
-    spectral_response,
-)
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
+from saf_gen.camera.exposed_sensor import ExposedSensor
+from saf_gen.camera.sensor import FillFactor, Filter, Pitch, PixelCount, ResponseRms, SpectralQe, Wavelength
+from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between
 from saf_gen.errors import BadInput
 
 
@@ -47,7 +39,7 @@ class FrameNoise:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class FrameSensor:
+class FrameSensor(ExposedSensor):
     """The array of a frame camera. Lengths are in metres, times in seconds, charge in electrons.
 
     The functions of this module raise BadInput for a value that is not allowed; the constructor and
@@ -107,19 +99,21 @@ class FrameSensor:
         Filter in front of the sensor, as in :class:`saf_gen.camera.Sensor`.
     """
 
+    DEVICE: ClassVar[str] = "frame sensor"
+
     kind: Literal["frames"]
     name: Text
     rows: PixelCount
     columns: PixelCount
-    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    pitch_m: Pitch
     readout_hz: Annotated[float, between(0.1, 1e6, unit="hertz")]
     exposure_s: Annotated[float, between(1e-8, 100, unit="seconds")]
     shortest_exposure_s: Annotated[float, between(1e-8, 1, unit="seconds")]
     shutter: Literal["global", "rolling"]
     row_s: Annotated[float, between(0, 1, unit="seconds")]
     quantum_efficiency: Annotated[float, between(1e-4, 1, unit="electrons per photon")]
-    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
-    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
+    fill_factor: FillFactor
+    wavelength_m: Wavelength
     full_well_e: Annotated[float, between(10, 1e7, unit="electrons")]
     read_noise_e: Annotated[float, between(0, 1e4, unit="electrons")]
     bits: Annotated[int, between(1, 16, unit="bits", integer=True)]
@@ -131,17 +125,11 @@ class FrameSensor:
     response_rms: ResponseRms
     noise: FrameNoise
     sources: Sources
-    spectral_qe: Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])] = "silicon"
-    filter: Annotated[SpectralCurve, spectral_curve(CURVES["filter"])] = "none"
+    spectral_qe: SpectralQe = "silicon"
+    filter: Filter = "none"
 
     def __post_init__(self) -> None:
-        longest = 1 / self.readout_hz
-        if not self.shortest_exposure_s <= self.exposure_s <= longest * (1 + 1e-9):
-            raise BadInput(
-                f"exposure_s is {self.exposure_s:g}",
-                where=f"sensor {self.name}",
-                allowed=f"{self.shortest_exposure_s:g} (shortest_exposure_s) to {longest:.6g} s (a frame)",
-            )
+        super().__post_init__()
         if (self.shutter == "global") != (self.row_s == 0):
             raise BadInput(
                 f"row_s is {self.row_s:g} with shutter: {self.shutter}",
@@ -164,32 +152,8 @@ class FrameSensor:
         """Mean dark charge of an exposure, electrons; 0 if dark current is switched off."""
         return self.dark_e_per_s * self.exposure_s * self.noise.dark
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields as plain data."""
-        return asdict(self)
 
-    def spectral_response(self) -> np.ndarray:
-        """Return the electrons per joule and nanometre of light, as :meth:`saf_gen.camera.Sensor.spectral_response`.
-
-        Raises BadInput as that does.
-        """
-        return spectral_response(
-            self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
-        )
-
-    def with_noise(self, **switches: bool) -> "FrameSensor":
-        """Return a copy with some noise switched on or off, such as ``with_noise(read=False)``.
-
-        Raises BadInput if a switch is unknown.
-        """
-        return change_fields(self, {"noise": switches}, where=f"frame sensor {self.name}")
-
-    def in_place_of(self, sensor: Sensor) -> "FrameSensor":
-        """Return a copy that stands on the grid of a spike camera, and collects as many electrons as that does."""
-        return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE if name != "exposure_s"})
-
-
-PRESETS = Presets("frame sensor", FrameSensor, folder=Path(__file__).parent / "sensors")
+PRESETS = Presets(FrameSensor.DEVICE, FrameSensor, folder=Path(__file__).parent / "sensors")
 
 
 def frame_sensor_names() -> list[str]:

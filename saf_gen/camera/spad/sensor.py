@@ -1,24 +1,16 @@
 """Single-photon arrays: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from saf_gen.camera.sensor import (
-    CURVES,
-    OF_PLACE,
-    PixelCount,
-    ResponseRms,
-    Sensor,
-    SpectralCurve,
-    spectral_curve,
-    spectral_response,
-)
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
+from saf_gen.camera.exposed_sensor import ExposedSensor
+from saf_gen.camera.sensor import FillFactor, Filter, Pitch, PixelCount, ResponseRms, SpectralQe, Wavelength
+from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between
 from saf_gen.errors import BadInput
 
 
@@ -47,7 +39,7 @@ class SpadNoise:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class SpadSensor:
+class SpadSensor(ExposedSensor):
     """An array of single-photon avalanche diodes with one bit of memory per pixel. Lengths in metres, times in seconds.
 
     A frame is a readout: its bit says whether a pixel has detected a photon while its gate was open. The functions of
@@ -106,17 +98,19 @@ class SpadSensor:
         Filter in front of the sensor, as in :class:`saf_gen.camera.Sensor`.
     """
 
+    DEVICE: ClassVar[str] = "single-photon sensor"
+
     kind: Literal["spad"]
     name: Text
     rows: PixelCount
     columns: PixelCount
-    pitch_m: Annotated[float, between(2e-7, 1e-3, unit="metres")]
+    pitch_m: Pitch
     readout_hz: Annotated[float, between(1, 1e7, unit="hertz")]
     exposure_s: Annotated[float, between(1e-10, 1, unit="seconds")]
     shortest_exposure_s: Annotated[float, between(1e-10, 1, unit="seconds")]
     quantum_efficiency: Annotated[float, between(1e-4, 1, unit="detections per photon")]
-    fill_factor: Annotated[float, between(1e-4, 1, unit="of the pixel's area")]
-    wavelength_m: Annotated[float, between(1e-7, 1e-5, unit="metres")]
+    fill_factor: FillFactor
+    wavelength_m: Wavelength
     recharge: Literal["clocked", "passive"]
     dead_time_s: Annotated[float, between(0, 1e-3, unit="seconds")]
     dark_hz: Annotated[float, between(0, 1e6, unit="hertz")]
@@ -128,17 +122,11 @@ class SpadSensor:
     afterpulse: Annotated[float, between(0, 0.5, unit="avalanches per avalanche")]
     noise: SpadNoise
     sources: Sources
-    spectral_qe: Annotated[SpectralCurve, spectral_curve(CURVES["spectral_qe"])] = "silicon"
-    filter: Annotated[SpectralCurve, spectral_curve(CURVES["filter"])] = "none"
+    spectral_qe: SpectralQe = "silicon"
+    filter: Filter = "none"
 
     def __post_init__(self) -> None:
-        longest = 1 / self.readout_hz
-        if not self.shortest_exposure_s <= self.exposure_s <= longest * (1 + 1e-9):
-            raise BadInput(
-                f"exposure_s is {self.exposure_s:g}",
-                where=f"sensor {self.name}",
-                allowed=f"{self.shortest_exposure_s:g} (shortest_exposure_s) to {longest:.6g} s (a frame)",
-            )
+        super().__post_init__()
         if self.recharge == "clocked" and self.dead_time_s:
             raise BadInput(
                 f"dead_time_s is {self.dead_time_s:g} with recharge: clocked",
@@ -166,35 +154,8 @@ class SpadSensor:
         """Mean dark counts per frame while the gate is open; 0 if dark counts are switched off."""
         return self.dark_hz * self.gate / self.readout_hz * self.noise.dark
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields as plain data."""
-        return asdict(self)
 
-    def spectral_response(self) -> np.ndarray:
-        """Return the detections per joule and nanometre of light, as :meth:`saf_gen.camera.Sensor.spectral_response`.
-
-        Raises BadInput as that does.
-        """
-        return spectral_response(
-            self.spectral_qe, self.filter, wavelength_m=self.wavelength_m, quantum_efficiency=self.quantum_efficiency
-        )
-
-    def with_noise(self, **switches: bool) -> "SpadSensor":
-        """Return a copy with some imperfections switched on or off, such as ``with_noise(dark=False)``.
-
-        Raises BadInput if a switch is unknown.
-        """
-        return change_fields(self, {"noise": switches}, where=f"single-photon sensor {self.name}")
-
-    def in_place_of(self, sensor: Sensor) -> "SpadSensor":
-        """Return a copy that stands on the grid of a spike camera, and detects as many photons as that collects.
-
-        What differs is then what a pixel makes of them.
-        """
-        return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE if name != "exposure_s"})
-
-
-PRESETS = Presets("single-photon sensor", SpadSensor, folder=Path(__file__).parent / "sensors")
+PRESETS = Presets(SpadSensor.DEVICE, SpadSensor, folder=Path(__file__).parent / "sensors")
 
 
 def spad_sensor_names() -> list[str]:
