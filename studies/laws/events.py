@@ -47,7 +47,7 @@ def _check_contrast(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the events of light that rises, and of light that falls, with the law, by contrast."""
     sensor = get_event_sensor("evk4", dark_e_per_s=1e-3, noise=QUIET | {"mismatch": True})
     comparisons, curves, figures = [], [], 2 * len(CONTRASTS)
-    x = np.geomspace(CONTRASTS[0], CONTRASTS[-1], 200)
+    x = np.linspace(CONTRASTS[0], CONTRASTS[-1], 200)
     for name, sign, threshold in (("falls", -1, sensor.threshold_off), ("rises", 1, sensor.threshold_on)):
         found: list[Comparison] = []
         for seed, contrast in enumerate(CONTRASTS, start=1):
@@ -65,7 +65,7 @@ def _check_contrast(maker: DatasetMaker, quick: bool) -> Finding:
         curves.append(Curve(name, tuple(x), tuple(events_of_contrast(x, threshold, rms=sensor.threshold_rms))))
         error = tuple(one.high - one.measured for one in found)
         curves.append(Curve("", CONTRASTS, tuple(one.measured for one in found), "points", error))
-    return Finding(tuple(comparisons), Plot("contrast, of the natural logarithm", "events", tuple(curves), log_x=True))
+    return Finding(tuple(comparisons), Plot("contrast, of the natural logarithm", "events", tuple(curves)))
 
 
 def renewals(rate_hz: float, *, reset_s: float, seconds: float) -> float:
