@@ -4,9 +4,9 @@
 
 Each evaluation is a folder, or its ``records.jsonl``, of the same sequences by another camera (``saf-gen recapture``);
 the others are compared with the first. Printed are the share of the answers within one and within half a depth of focus
-for each camera and method, how many bits per pixel leave the chip until the answer, and the difference of the best
-method of each camera from the best of the first. Only recordings that have an answer with every camera count. Intervals
-are of 95 %: members are drawn again.
+for each camera and method, how often it answers where no answer is right, how many bits per pixel leave the chip until
+the answer, and the difference of the best method of each camera from the best of the first. Only recordings that have
+an answer with every camera count for the shares. Intervals are of 95 %: members are drawn again.
 """
 
 import argparse
@@ -30,12 +30,16 @@ Answers = Mapping[str, Mapping[str, Record]]
 
 
 def read_answers(evaluation: Path) -> Answers:
-    """Return the records of the recordings that have an answer; raise BadInput if the evaluation cannot be read."""
+    """Return the records of an evaluation; raise BadInput if it cannot be read."""
     answers: dict[str, dict[str, Record]] = defaultdict(dict)
     for record in read_records(evaluation):
-        if record.obstacle is None and record.success_1dof is not None:
-            answers[record.method][record.sequence] = record
+        answers[record.method][record.sequence] = record
     return answers
+
+
+def has_answer(record: Record) -> bool:
+    """Return whether an answer to the recording can be right, and judged."""
+    return record.obstacle is None and record.success_1dof is not None
 
 
 def interval(values: np.ndarray, members: Sequence[str]) -> tuple[float, float, float]:
@@ -70,12 +74,17 @@ def compare(cameras: Mapping[str, Answers]) -> list[str]:
     """
     if len(cameras) < 2:
         raise BadInput(f"{len(cameras)} camera is given", allowed="at least two, as NAME=EVALUATION")
-    shared = sorted(set.intersection(*(set.union(*map(set, found.values())) for found in cameras.values())))
+    judged = (
+        {name for records in answers.values() for name, record in records.items() if has_answer(record)}
+        for answers in cameras.values()
+    )
+    shared = sorted(set[str].intersection(*judged))
     if not shared:
         raise BadInput("no recording has an answer in all evaluations", allowed="evaluations of the same sequences")
     members = [name.rpartition("-")[0] for name in shared]
     lines = [f"{len(shared)} recordings of {len(set(members))} members have an answer with every camera.", ""]
-    lines += ["| camera | method | ≤½ DoF | ≤1 DoF | 95 % | median error, DoF | bits per pixel |", "|---" * 7 + "|"]
+    columns = "≤½ DoF", "≤1 DoF", "95 %", "median error, DoF", "false answers", "bits per pixel"
+    lines += [f"| camera | method | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
     best: dict[str, np.ndarray] = {}
     heads: dict[str, str] = {}
     for camera, answers in cameras.items():
@@ -86,15 +95,16 @@ def compare(cameras: Mapping[str, Answers]) -> list[str]:
             half = np.array([record is not None and bool(record.success_half_dof) for record in held], float)
             errors = [abs(record.error_dof) for record in held if record is not None and record.error_dof is not None]
             bits = float(np.median([bits_per_pixel(record) for record in held if record is not None]))
-            rows.append((one, half, method, float(np.median(errors)) if errors else np.nan, bits))
+            without = [record for record in found.values() if record.obstacle is not None]
+            false = f"{sum(record.status == 'answered' for record in without)} of {len(without)}"
+            rows.append((one, half, method, float(np.median(errors)) if errors else np.nan, false, bits))
         rows.sort(key=lambda row: (row[0].mean(), row[1].mean()), reverse=True)
         best[camera], heads[camera] = rows[0][0], rows[0][2]
-        for one, half, method, error, bits in rows:
+        for one, half, method, error, false, bits in rows:
             mean, low, high = interval(one, members)
             ends = f"{100 * low:.0f}–{100 * high:.0f}"
-            lines.append(
-                f"| {camera} | `{method}` | {half.mean():.0%} | {mean:.0%} | {ends} | {error:.2f} | {bits:,.0f} |"
-            )
+            cells = f"{half.mean():.0%} | {mean:.0%} | {ends} | {error:.2f} | {false} | {bits:,.0f}"
+            lines.append(f"| {camera} | `{method}` | {cells} |")
     first, *others = cameras
     lines += ["", f"| best method of | points that `{heads[first]}` with {first} is ahead | 95 % |", "|---|---|---|"]
     for camera in others:

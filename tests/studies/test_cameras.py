@@ -41,6 +41,7 @@ def test_the_best_of_each_camera_is_compared_over_the_recordings_of_all(write, c
     assert any(line.startswith("| spikes | `a+s` | 95% | 95% |") for line in lines)
     assert any(line.startswith("| photons: `a+s` | +18 |") for line in lines)
     assert any(line.startswith("| events: `d+s` | +0 | +0 to +0 |") for line in lines)
+    assert [line.split(" | ")[6] for line in lines if line.startswith("| events | ")] == ["2 of 2"]  # false answers
 
 
 def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, capsys):
