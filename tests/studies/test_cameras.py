@@ -41,7 +41,16 @@ def test_the_best_of_each_camera_is_compared_over_the_recordings_of_all(write, c
     assert any(line.startswith("| spikes | `a+s` | 95% | 95% |") for line in lines)
     assert any(line.startswith("| photons: `a+s` | +18 |") for line in lines)
     assert any(line.startswith("| events: `d+s` | +0 | +0 to +0 |") for line in lines)
-    assert [line.split(" | ")[6] for line in lines if line.startswith("| events | ")] == ["2 of 2"]  # false answers
+    assert [line.split(" | ")[6:8] for line in lines if line.startswith("| events | ")] == [["2 of 2", "0.79"]]
+
+
+def test_recordings_that_another_camera_lacks_are_no_false_answers(write, capsys):
+    """23 right of 24, but for 2 that cannot be answered, of which the others have seen none."""
+    spikes = write("spikes", answers("a+s", {0}, without={22, 23}))
+    photons = write("photons", list(answers("a+s", {0}))[:22])
+    assert main([spikes, photons]) == 0
+    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines() if "`a+s`" in line]
+    assert [row[6:8] for row in rows[:2]] == [["0 of 0", "0.95"]] * 2
 
 
 def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, capsys):
