@@ -1,20 +1,24 @@
 """One scene, several cameras: compare evaluations of the same sequences, recorded by different cameras.
 
     python -m studies.ranking.cameras spikes=EVALUATION photons=EVALUATION …
+    python -m studies.ranking.cameras studies/results/cameras-tuned-records.jsonl.xz
 
 Each evaluation is a folder, or its ``records.jsonl``, of the same sequences by another camera (``saf-gen recapture``);
-the others are compared with the first. Printed are, for each camera and method, the share of the answers within one and
-within half a depth of focus; how often it answers where no answer is right; its worth, which tuning maximises: right
-answers minus these false ones, over all recordings; how many bits per pixel leave the chip until the answer; and the
-difference of the best method of each camera from the best of the first. Only recordings that have an answer with every
-camera count for the shares. Intervals are of 95 %: members are drawn again.
+in one packed file, the sensors of its records tell cameras apart, in the order in which they come. The others are
+compared with the first. Printed are, for each camera and method, the share of the answers within one and within half a
+depth of focus; how often it answers where no answer is right; its worth, which tuning maximises: right answers minus
+these false ones, over all recordings; how many bits per pixel leave the chip until the answer; and the difference of
+the best method of each camera from the best of the first. Only recordings that have an answer with every camera count
+for the shares. Intervals are of 95 %: members are drawn again.
 """
 
 import argparse
+import lzma
 import sys
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -32,8 +36,31 @@ Answers = Mapping[str, Mapping[str, Record]]
 
 def read_answers(evaluation: Path) -> Answers:
     """Return the records of an evaluation; raise BadInput if it cannot be read."""
+    return _by_method(read_records(evaluation))
+
+
+def read_cameras(packed: Path) -> dict[str, Answers]:
+    """Return the records in a file ``.jsonl.xz`` by the name of their sensor; raise BadInput if it cannot be read."""
+    with TemporaryDirectory() as folder:
+        plain = Path(folder, packed.stem)
+        try:
+            plain.write_bytes(lzma.decompress(packed.read_bytes()))
+        except (OSError, EOFError, lzma.LZMAError) as error:
+            raise BadInput(
+                f"it cannot be read: {getattr(error, 'strerror', None) or error}",
+                where=str(packed),
+                allowed="records.jsonl.xz",
+            ) from error
+        records = read_records(plain)
+    by_sensor: dict[str, list[Record]] = defaultdict(list)
+    for record in records:
+        by_sensor[record.sensor or "unknown"].append(record)
+    return {sensor: _by_method(of_sensor) for sensor, of_sensor in by_sensor.items()}
+
+
+def _by_method(records: Iterable[Record]) -> Answers:
     answers: dict[str, dict[str, Record]] = defaultdict(dict)
-    for record in read_records(evaluation):
+    for record in records:
         answers[record.method][record.sequence] = record
     return answers
 
@@ -117,17 +144,27 @@ def compare(cameras: Mapping[str, Answers]) -> list[str]:
     return lines
 
 
+def _read(texts: Sequence[str]) -> dict[str, Answers]:
+    if len(texts) == 1 and texts[0].endswith(".xz"):
+        return read_cameras(Path(texts[0]))
+    for text in texts:
+        if "=" not in text:
+            raise BadInput(
+                f"the evaluation is {text!r}", allowed="NAME=EVALUATION, such as photons=out, or one file .jsonl.xz"
+            )
+    named = (text.partition("=") for text in texts)
+    return {name: read_answers(Path(folder)) for name, _, folder in named}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("evaluations", nargs="+", metavar="NAME=EVALUATION", help="camera and its evaluation")
+    parser.add_argument(
+        "evaluations", nargs="+", metavar="NAME=EVALUATION", help="camera and its evaluation, or one .jsonl.xz"
+    )
     given = parser.parse_args(argv)
     try:
-        for text in given.evaluations:
-            if "=" not in text:
-                raise BadInput(f"the evaluation is {text!r}", allowed="NAME=EVALUATION, such as photons=out")
-        named = (text.partition("=") for text in given.evaluations)
-        print("\n".join(compare({name: read_answers(Path(folder)) for name, _, folder in named})))
+        print("\n".join(compare(_read(given.evaluations))))
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2

@@ -1,5 +1,6 @@
 """The comparison of cameras: which recordings count, what is best, and how far it is ahead."""
 
+import lzma
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from handmade_records import failed, record
 
-from saf_gen.benchmark.records import write_records
+from saf_gen.benchmark.records import format_records, write_records
 from studies.ranking.cameras import bits_per_pixel, interval, main
 
 MEMBERS = 12
@@ -51,6 +52,28 @@ def test_recordings_that_another_camera_lacks_are_no_false_answers(write, capsys
     assert main([spikes, photons]) == 0
     rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines() if "`a+s`" in line]
     assert [row[6:8] for row in rows[:2]] == [["0 of 0", "0.95"]] * 2
+
+
+def test_in_one_packed_file_sensors_tell_cameras_apart(tmp_path, capsys):
+    records = [replace(one, sensor="vidar_128x128") for one in answers("a+s", {0})]
+    records += [replace(one, sensor="imx273") for one in answers("a+s", {0, 1, 2})]
+    packed = tmp_path / "both.jsonl.xz"
+    packed.write_bytes(lzma.compress(format_records(records).encode()))
+    assert main([str(packed)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("| vidar_128x128 | `a+s` | 96% | 96% |") for line in lines)
+    assert any(line.startswith("| imx273: `a+s` | +8 |") for line in lines)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"{}", lzma.compress(b"{}\n")[:-9], lzma.compress(b"{}\n")])
+def test_a_packed_file_that_holds_no_records_is_one_line(tmp_path, content, capsys):
+    packed = tmp_path / "records.jsonl.xz"
+    if content is not None:
+        packed.write_bytes(content)
+    assert main([str(packed)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
 
 
 def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, capsys):
