@@ -30,7 +30,7 @@ from saf_gen.camera.events import get_event_sensor
 from saf_gen.camera.frames import FrameSensor, get_frame_sensor
 from saf_gen.camera.spad import SpadSensor, get_spad_sensor
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.core.files import write_text
+from saf_gen.core.files import check_writable, unwritable, write_text
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
@@ -154,17 +154,20 @@ class Answer:
 def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]]:
     """Render, record and judge one camera in ``folder``; return its answers by method and sequence.
 
-    Raises BadInput if a sequence fails.
+    Raises BadInput if a sequence fails, or the folder cannot be written to.
     """
     camera = camera_of(name)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from error
     pixels = pixels_of(camera)
     write_text(folder / "pixels.yaml", yaml.safe_dump(_plain(pixels.as_dict()), sort_keys=False))
     write_text(folder / "recipe.yaml", yaml.safe_dump(recipe(members, pixels), sort_keys=False))
     dataset = folder / "dataset"
     made = generate(resolve_recipe(folder / "recipe.yaml"), dataset, tell=print)
-    for job, error in made.failed.items():
-        print(f"{job}: {error}", file=sys.stderr)
+    for job, why in made.failed.items():
+        print(f"{job}: {why}", file=sys.stderr)
     judged = dataset if name == BASE else dataset / CAMERAS / name
     manifest = read_manifest(dataset)
     if name != BASE:
@@ -177,12 +180,14 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
         if done.failed:
             raise BadInput("; ".join(f"{job}: {error}" for job, error in done.failed.items()))
         other.finish(dataset, manifest, target=judged)
-    kept = folder / RECORDS_FILE
-    if not kept.exists():
-        write_records(kept, evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False).records)
+    kept, recorded = folder / RECORDS_FILE, {entry.content_sha256 for entry in read_manifest(judged).sequences}
+    found = read_records(kept) if kept.exists() else []
+    if {record.data for record in found} != recorded or {record.method for record in found} != set(METHODS[name]):
+        found = list(evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False).records)
+        write_records(kept, found)
     drives = {entry.id: _drive(dataset / entry.file) for entry in manifest.sequences}
     answers: dict[str, dict[str, Answer]] = {}
-    for record in read_records(kept):
+    for record in found:
         if record.obstacle is None and record.truth is not None:
             answers.setdefault(record.method, {})[record.sequence] = _answer(record, drives[record.sequence])
     return answers
@@ -272,6 +277,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--members", type=int, default=24, help="members of assorted")
     asked = parser.parse_args(given)
     try:
+        check_writable(asked.out)
         answers = {name: run(name, folder=asked.out / name, members=asked.members) for name in asked.camera}
         print("\n".join(table(answers)))
     except BadInput as error:

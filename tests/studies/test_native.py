@@ -80,9 +80,21 @@ def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records
     assert all(record.sensor.startswith("imx273#") for record in found)  # other rows, rate and wells than the preset
     assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
     assert capsys.readouterr().out.splitlines()[-6:] == first
+    monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["variance+argmax:window=1"]})
+    assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("| `imx273` | `variance+argmax:window=1` | ")
 
 
-def test_nonsense_is_one_line(tmp_path, capsys):
+@pytest.mark.parametrize(("out", "members"), [("file", "1"), ("file/x", "1"), ("x", "0"), ("x", "-3")])
+def test_what_cannot_be_made_is_one_line(tmp_path, out, members, capsys):
+    (tmp_path / "file").write_text("")
+    assert native.main(["--out", str(tmp_path / out), "--members", members]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+
+
+def test_a_camera_that_is_unknown_is_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         native.main(["--out", str(tmp_path), "--camera", "camera"])
     assert "invalid choice" in capsys.readouterr().err
