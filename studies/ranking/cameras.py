@@ -13,12 +13,10 @@ for the shares. Intervals are of 95 %: members are drawn again.
 """
 
 import argparse
-import lzma
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -26,6 +24,7 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.camera.events import event_sensor_names
 from saf_gen.camera.frames import frame_sensor_names, get_frame_sensor
 from saf_gen.errors import BadInput
+from studies.ranking.packed_records import read_packed_records
 
 DRAWS, SEED = 10_000, 1
 EVENT_BITS = 64  # address and time of an event as cameras send them: AEDAT 2, 32 bits each
@@ -41,19 +40,8 @@ def read_answers(evaluation: Path) -> Answers:
 
 def read_cameras(packed: Path) -> dict[str, Answers]:
     """Return the records in a file ``.jsonl.xz`` by the name of their sensor; raise BadInput if it cannot be read."""
-    with TemporaryDirectory() as folder:
-        plain = Path(folder, packed.stem)
-        try:
-            plain.write_bytes(lzma.decompress(packed.read_bytes()))
-        except (OSError, EOFError, lzma.LZMAError) as error:
-            raise BadInput(
-                f"it cannot be read: {getattr(error, 'strerror', None) or error}",
-                where=str(packed),
-                allowed="records.jsonl.xz",
-            ) from error
-        records = read_records(plain)
     by_sensor: dict[str, list[Record]] = defaultdict(list)
-    for record in records:
+    for record in read_packed_records(packed):
         by_sensor[record.sensor or "unknown"].append(record)
     return {sensor: _by_method(of_sensor) for sensor, of_sensor in by_sensor.items()}
 

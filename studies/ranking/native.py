@@ -162,28 +162,28 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
     except OSError as error:
         raise unwritable(folder, error) from error
     pixels = pixels_of(camera)
-    write_text(folder / "pixels.yaml", yaml.safe_dump(_plain(pixels.as_dict()), sort_keys=False))
+    write_text(folder / "pixels.yaml", yaml.safe_dump(pixels.as_dict(), sort_keys=False))
     write_text(folder / "recipe.yaml", yaml.safe_dump(recipe(members, pixels), sort_keys=False))
     dataset = folder / "dataset"
     made = generate(resolve_recipe(folder / "recipe.yaml"), dataset, tell=print)
-    for job, why in made.failed.items():
-        print(f"{job}: {why}", file=sys.stderr)
+    _refuse_failures(made.failed)
     judged = dataset if name == BASE else dataset / CAMERAS / name
     manifest = read_manifest(dataset)
     if name != BASE:
         given = name
         if isinstance(camera, FrameSensor):
             given = str(folder / "camera.yaml")
-            write_text(Path(given), yaml.safe_dump(_plain(camera.as_dict()), sort_keys=False))
+            write_text(Path(given), yaml.safe_dump(camera.as_dict(), sort_keys=False))
         other = find_camera(given)
         done = recapture(dataset, manifest.sequences, camera=other, target=judged, tell=print)
-        if done.failed:
-            raise BadInput("; ".join(f"{job}: {error}" for job, error in done.failed.items()))
+        _refuse_failures(done.failed)
         other.finish(dataset, manifest, target=judged)
     kept, recorded = folder / RECORDS_FILE, {entry.content_sha256 for entry in read_manifest(judged).sequences}
     found = read_records(kept) if kept.exists() else []
     if {record.data for record in found} != recorded or {record.method for record in found} != set(METHODS[name]):
-        found = list(evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False).records)
+        result = evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False)
+        _refuse_failures({failure.sequence: failure.problem for failure in result.failures})
+        found = list(result.records)
         write_records(kept, found)
     drives = {entry.id: _drive(dataset / entry.file) for entry in manifest.sequences}
     answers: dict[str, dict[str, Answer]] = {}
@@ -193,11 +193,10 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
     return answers
 
 
-def _plain(values: Any) -> Any:
-    """Return data without tuples, which are no plain YAML."""
-    if isinstance(values, Mapping):
-        return {key: _plain(value) for key, value in values.items()}
-    return [_plain(value) for value in values] if isinstance(values, list | tuple) else values
+def _refuse_failures(failed: Mapping[str, object]) -> None:
+    """Raise BadInput if anything failed, because a table without it would compare other recordings."""
+    if failed:
+        raise BadInput("; ".join(f"{what}: {problem}" for what, problem in failed.items()))
 
 
 def _drive(path: Path) -> Any:

@@ -6,17 +6,18 @@ better one, and the mean half width of the interval of its difference to the bes
 """
 
 import argparse
-import lzma
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.table import Column, Table, percent
+from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.ranking import LeaderboardRow
+from studies.ranking.packed_records import read_packed_records
 
 COUNTS = 5, 10, 20, 40, 80, 120, 240
 DRAWS, SEED = 40, 1
@@ -68,20 +69,22 @@ def summarise(records: Sequence[Record], counts: Sequence[int], *, draws: int) -
     return Table(columns, [method for method in sorted(whole, key=whole.__getitem__, reverse=True) if method != best])
 
 
-def main() -> None:
-    """Print the table."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table, and return the exit code."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("records", type=Path, help="records.jsonl, or records.jsonl.xz")
     options.add_argument("--draws", type=int, default=DRAWS, help=f"benchmarks of each size (default: {DRAWS})")
-    given = options.parse_args()
-    with TemporaryDirectory() as folder:
-        plain = given.records
-        if plain.suffix == ".xz":
-            plain = Path(folder) / "records.jsonl"
-            plain.write_bytes(lzma.decompress(given.records.read_bytes()))
-        records = [record for record in read_records(plain) if record.method in METHODS]
+    given = options.parse_args(argv)
+    packed = given.records.suffix == ".xz"
+    try:
+        held = read_packed_records(given.records) if packed else read_records(given.records)
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    records = [record for record in held if record.method in METHODS]
     print(summarise(records, COUNTS, draws=given.draws).to_markdown())
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,8 +1,9 @@
 """Smaller benchmarks drawn from the records of a large one."""
 
+import pytest
 from handmade_records import record
 
-from studies.ranking.scene_counts import draw_tables, summarise
+from studies.ranking.scene_counts import draw_tables, main, summarise
 
 
 def make_records(scenes=40):
@@ -29,3 +30,13 @@ def test_more_scenes_tell_more_apart():
     method, behind, few, many = (column.text("bad+s") for column in table.shown)
     assert (method, behind) == ("bad+s", "80")
     assert int(few.partition("%")[0]) < int(many.partition("%")[0]) == 100
+
+
+@pytest.mark.parametrize("name", ["missing.jsonl", "missing.jsonl.xz", "text.jsonl", "text.jsonl.xz"])
+def test_what_holds_no_records_is_one_line(tmp_path, name, capsys):
+    if name.startswith("text"):
+        (tmp_path / name).write_text("text\n")
+    assert main([str(tmp_path / name)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
