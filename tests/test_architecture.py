@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "saf_gen"
 LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]["layers"]
 IMPORTERS = {
-    "mitsuba": ["render", "scene.library.surfaces_1"],  # for scene scripts, which only render/ runs
+    "mitsuba": ["render"],
     "drjit": ["render"],
     "OpenEXR": ["core.exr"],
     "fsspec": ["core.object_store"],
@@ -134,14 +134,14 @@ MESH_WORDS = {"vertex_positions", "vertex_normals", "vertex_texcoords"}
 
 
 def test_mesh_calls_to_mitsuba_stand_in_one_file():
-    """Mitsuba 3.10 renames all of them. The module of the library is frozen: it is part of scenes' digests."""
+    """Mitsuba 3.10 renames all of them."""
     callers = set()
     for path in sources():
         for node in ast.walk(parsed(path)):
             called = isinstance(node, ast.Attribute) and node.attr in MESH_CALLS
             if called or (isinstance(node, ast.Constant) and node.value in MESH_WORDS):
                 callers.add(path.relative_to(PACKAGE).as_posix())
-    assert callers == {"render/meshes.py", "scene/library/surfaces_1.py"}
+    assert callers == {"render/meshes.py"}
 
 
 @pytest.mark.parametrize("kind", PLUGIN_KINDS)
@@ -171,12 +171,10 @@ def takes_positions(function, protocol_members):
 
 
 def test_arguments_after_the_second_are_keyword_only():
-    """Files of the scene library are left out, because digests of scenes cover their bytes."""
     members = {function.name for function in defined_functions(PACKAGE / "parts.py")}
     found = {
         f"{path.relative_to(PACKAGE).as_posix()}: {function.name}"
         for path in sources()
-        if path.parent.name != "library"
         for function in defined_functions(path)
         if takes_positions(function, members)
     }

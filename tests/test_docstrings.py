@@ -15,10 +15,9 @@ Documented = ast.Module | ast.ClassDef | ast.FunctionDef
 def documented():
     """Yield ``where``, node and docstring of everything in the package that has a docstring."""
     for path in sorted(PACKAGE.rglob("*.py")):
-        if path.parent.name != "library":  # frozen files
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, Documented) and (text := ast.get_docstring(node)):
-                    yield f"{path.relative_to(PACKAGE).as_posix()}: {getattr(node, 'name', 'module')}", node, text
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, Documented) and (text := ast.get_docstring(node)):
+                yield f"{path.relative_to(PACKAGE).as_posix()}: {getattr(node, 'name', 'module')}", node, text
 
 
 def sections_of(text):

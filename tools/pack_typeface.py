@@ -1,4 +1,4 @@
-"""Pack the glyphs of a font that a scene needs into a small file, which ``typeface_1`` of the scene library reads.
+"""Pack the glyphs of a font that a scene needs into a small file, which ``typeface`` of the scenes' kit reads.
 
 ``python tools/pack_typeface.py FONT OUT.npz``: FONT is a .ttf, .otf or .woff under a licence that lets its converted
 outlines be passed on, such as OFL-1.1; put the text of the licence beside OUT, and do not give OUT a reserved name.

@@ -5,9 +5,8 @@ python tools/write_gallery.py [SCENE...] [--out docs] [--samples 1024] [--keep]
 
 import argparse
 import os
-import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,15 +34,13 @@ SAMPLES, SLOW_SAMPLES = 1024, 4  # per pixel; the latter for a backend that rend
 POSITIONS = 129  # of the stack from which the upper row is taken: one trace serves all three
 SMALL_IMAGES = 6  # of half the size: members, moments, or three of each
 FONT = Path(get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
-VERSION = re.compile(r"(\w+)_([2-9])")  # name of a scene that succeeds another
 HEAD = f"""# Scenes
 
 {{table}}
 
 The upper row of an image shows what the camera sees at both ends of the lens's travel and in between at the true
 focus of the target. The lower row shows members of the scene's family, drawn at random, and a moving scene at
-moments of a second, all sharp. An image file has at most {MAX_BYTES // 1000} kB. First versions
-of scenes are kept, because the data of frozen benchmarks were made with them.
+moments of a second, all sharp. An image file has at most {MAX_BYTES // 1000} kB.
 
 This page is written by one command. Run it again after a scene has changed, with `--keep` to render only what is
 missing:
@@ -77,34 +74,16 @@ def write_gallery(
             failed[scene.id] = problem
             continue
         sections[scene.id] = section(scene, view, picture=picture, folder=folder)
-    families = group_versions(list(sections))
-    page = [HEAD.format(table=thumbnail_table(families))]
-    for name, versions in families.items():
-        page += [f"## {name}", ""]
-        for number, version in enumerate(versions):
-            if len(versions) > 1:
-                first = ", first version, kept for frozen benchmarks" if number == len(versions) - 1 else ""
-                page += [f"### {version}{first}", ""]
-            page.append(sections[version])
+    page = [HEAD.format(table=thumbnail_table(sorted(sections)))]
+    for name in sorted(sections):
+        page += [f"## {name}", "", sections[name]]
     write_text(folder / "scenes.md", "\n".join(page))
     return failed
 
 
-def group_versions(names: Sequence[str]) -> dict[str, list[str]]:
-    """Return the versions of each scene, the newest first, by the name of the first: ``fan_2`` succeeds ``fan``."""
-    families: dict[str, list[str]] = {}
-    for name in names:
-        found = VERSION.fullmatch(name)
-        families.setdefault(found[1] if found and found[1] in names else name, []).append(name)
-    return {name: sorted(versions, reverse=True) for name, versions in sorted(families.items())}
-
-
-def thumbnail_table(families: Mapping[str, Sequence[str]]) -> str:
-    """Return a table of small pictures that link to the sections, with the newest version of each scene."""
-    cells = [
-        f"[![{name}](pictures/scenes/thumbnails/{versions[0]}.jpg)](#{name})<br>[{name}](#{name})"
-        for name, versions in families.items()
-    ]
+def thumbnail_table(names: Sequence[str]) -> str:
+    """Return a table of small pictures that link to the sections."""
+    cells = [f"[![{name}](pictures/scenes/thumbnails/{name}.jpg)](#{name})<br>[{name}](#{name})" for name in names]
     across = min((5, 4, 6), key=lambda columns: -len(cells) % columns)  # the last row lacks as few as possible
     cells += [""] * (-len(cells) % across)
     rows = [cells[k : k + across] for k in range(0, len(cells), across)]

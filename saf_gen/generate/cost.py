@@ -21,8 +21,8 @@ CORES = 2
 PLAIN_RAY_US = 0.8
 """Processor time of a light path that is traced and splatted alone."""
 SLICE_S, SLICE_RAY_US = 0.6, 2.5
-"""``slice_s`` and ``slice_ray_us`` of a scene that was not measured moving: the means of the 985 test slices of
-saf_bench-v2. By scene, a ray took from 0.4 (fabric) to 1.1 (crossroad, rain_window) of that."""
+"""``slice_s`` and ``slice_ray_us`` of a scene that was not measured moving: the means of 985 slices
+of other scenes. By scene, a ray took from 0.4 (fabric) to 1.1 (crossroad, rain_window) of that."""
 WAVES_PER_S = 1.2e6
 """Samples of a thin section's picture at which the waves of a condenser are summed per second."""
 PLANE_S_PER_PIXEL = 8e-8  # to sum and store a pixel at a focus position

@@ -428,15 +428,16 @@ def _execute(name: str, file: Path) -> ModuleType:
 
 @contextmanager
 def _scene_modules(scene: Scene) -> Iterator[None]:
-    """Let scene.py import its neighbours and its library, and forget all of these modules afterwards.
+    """Let scene.py import its neighbours and what its card takes from the kit, and forget these modules afterwards.
 
     Two scenes may thus have different modules of the same name.
     """
     before = dict(sys.modules)
-    files = scene.library_files()
+    files = scene.kit_files()
     sys.path.insert(0, str(scene.folder))
     try:
-        sys.modules.update({name: _execute(name, file) for name, file in files.items()})
+        for name, file in files.items():
+            sys.modules[name] = _execute(name, file)  # those after it may import it
         yield
     finally:
         sys.path.remove(str(scene.folder))

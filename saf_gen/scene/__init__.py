@@ -1,1 +1,1 @@
-"""Scenes on disk: their cards, geometry, motion, shared library modules, and digests."""
+"""Scenes on disk: their cards, geometry, motion and digests."""

@@ -26,18 +26,18 @@ from saf_gen.optics.lens_file.fitted_file import shipped_text
 from saf_gen.plugins.lights import check_groups, default_roles
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
-from saf_gen.scene.library import library_module
-from saf_gen.scene.ported_scenes import PORTED
 from saf_gen.scene.section_card import SectionCard, check_section
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
+KIT = "_kit"
+"""Folder of the modules that the scripts of several scenes share, beside the scenes that come with saf_gen."""
 LENS_PARAMETER = "lens"
 """Parameter that names the lens of a member, if the card has ``lenses``."""
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
-    "title licence source library illuminance_lux roles params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
+    "title licence source kit illuminance_lux roles params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
 )
 """Keys of a card that the digest leaves out, because they change no pixel, because a stack records them separately
-(``params`` and the time), or because their files are digested instead (``library``)."""
+(``params`` and the time), or because their files are digested instead (``kit``)."""
 
 EDGE_POWER = 1.5
 """Exponent with which the error of interpolation between two slices grows with the step between them, up to steps of
@@ -82,8 +82,8 @@ class SceneCard(FrozenModel):
     """SPDX identifier of the licence."""
     source: str
     """Origin of everything in the folder; use ``SOURCE.md`` for more than one line."""
-    library: dict[str, str] = Field(default_factory=dict)
-    """Modules of :mod:`saf_gen.scene.library`, by the name under which ``scene.py`` imports them."""
+    kit: tuple[str, ...] = ()
+    """Modules of ``scenes/_kit`` that ``scene.py`` imports; one that imports another stands after it."""
     unit_m: float = Field(default=1.0, gt=0)
     """Metres per unit of the geometry; the card itself is always in metres."""
     camera: CameraPose
@@ -204,9 +204,15 @@ class Scene:
                 raise unknown(f"parameter of scene {self.id!r}:", key, allowed=self.params)
         return self._with({**self.params, **chosen})
 
-    def library_files(self) -> dict[str, Path]:
-        """Return the files of the library modules that the script imports, by the name under which it imports them."""
-        return {name: library_module(module) for name, module in self.card.library.items()}
+    def kit_files(self) -> dict[str, Path]:
+        """Return the files of the shared modules that the script imports, by name, in the order of the card."""
+        modules = kit_modules()
+        return {name: modules[name] for name in self.card.kit}
+
+
+def kit_modules() -> dict[str, Path]:
+    """Return the files of all modules that scripts may share, by name."""
+    return {path.stem: path for path in sorted((shipped_folder("scenes") / KIT).glob("*.py"))}
 
 
 def scene_roots() -> list[Path]:
@@ -294,15 +300,8 @@ def _read(folder: Path) -> Scene:
         check_section(card.section, document, lights=card.lights, target=card.target, has_script=has_script)
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
-    for name, module in card.library.items():
-        where = document.locate("library", name)
-        library_module(module, where=where)
-        if not name.isidentifier() or (folder / f"{name}.py").exists() or geometry != [SCRIPT_FILE]:
-            raise BadInput(
-                f"library has the name {name!r}",
-                where=where,
-                allowed=f"a name that {SCRIPT_FILE} can import and that no file in the folder has",
-            )
+    if card.kit:
+        _check_kit(card, document, folder=folder, has_script=geometry == [SCRIPT_FILE])
     scene = Scene(folder, card, _digest(folder, card), {}).draw_member("scene", card.id)
     for keys, lens in [(("lens",), card.lens), *((("lenses", name), lens) for name, lens in card.lenses.items())]:
         try:
@@ -310,6 +309,20 @@ def _read(folder: Path) -> Scene:
         except BadInput as error:
             raise BadInput(str(error), where=document.locate(*keys, lens.drive_class.travel_key)) from error
     return scene
+
+
+def _check_kit(card: SceneCard, document: Document, *, folder: Path, has_script: bool) -> None:
+    """Raise BadInput unless each module of the kit exists, once, and under a name that no file of the folder has."""
+    where, modules = document.locate("kit"), kit_modules()
+    for name in card.kit:
+        if name not in modules:
+            raise unknown("module of the kit", name, allowed=modules, where=where)
+        if not has_script or (folder / f"{name}.py").exists() or card.kit.count(name) > 1:
+            raise BadInput(
+                f"kit has the name {name!r}",
+                where=where,
+                allowed=f"once, a module that {SCRIPT_FILE} imports, and whose name no file in the folder has",
+            )
 
 
 def _check_lens_names(card: SceneCard, document: Document) -> None:
@@ -330,19 +343,18 @@ def _digest(folder: Path, card: SceneCard) -> str:
     """Return the SHA-256 over everything of a scene that can change a pixel.
 
     Card values that change no pixel are left out, so that a corrected title or a newly measured illuminance does not
-    cause a new render. A library module counts as if it were the file in the folder that the script imports. A ported
-    scene keeps the digest from before the port.
+    cause a new render. A module of the kit counts as if it were a file in the folder.
     """
     values = card.model_dump(mode="json", exclude_unset=True, exclude=set(KEYS_WITHOUT_PIXEL_EFFECT))
     values["lens"].pop("axial_colour", None)  # pictures of other wavelengths are mixed from those of one
     contents = {CARD_FILE: json.dumps(values, sort_keys=True).encode()}
-    contents |= {f"{name}.py": library_module(module).read_bytes() for name, module in card.library.items()}
+    modules = kit_modules()
+    contents |= {f"{name}.py": modules[name].read_bytes() for name in card.kit}
     for lens in (card.lens, *card.lenses.values()):
         if isinstance(lens, LensFile) and (text := shipped_text(lens.file)):
             contents[f"lens/{lens.file}.yaml"] = text.encode()
     # Only a script can read files outside its folder; files of an XML scene must be inside it.
-    digest = folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
-    return PORTED.get(digest, digest)
+    return folder_digest(folder, contents=contents, allow_outside_links=(folder / SCRIPT_FILE).is_file())
 
 
 MAX_FILES = 100_000  # files and folders of a scene; a link to an entire disk would lead to more

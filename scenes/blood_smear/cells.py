@@ -19,9 +19,7 @@ class Film:
 
     def near(self, at: np.ndarray, reach: float) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
         """The window round a point, and the offsets (µm) of its texels."""
-        spans = [
-            slice(max(int((c - reach) / TEXEL_UM), 0), max(int((c + reach) / TEXEL_UM) + 1, 0)) for c in at
-        ]
+        spans = [slice(max(int((c - reach) / TEXEL_UM), 0), max(int((c + reach) / TEXEL_UM) + 1, 0)) for c in at]
         part = spans[1], spans[0]
         rows, columns = self.absorbance[part].shape
         x = (np.arange(columns) + spans[0].start + 0.5) * TEXEL_UM - at[0]
@@ -40,9 +38,7 @@ class Film:
 
     def white_cell(self, at: np.ndarray, kind: str, random: np.random.Generator) -> None:
         """A cell with its nucleus; it pushes red cells aside, whose rims it hides."""
-        radius, plasm = {"neutrophil": (6.6, 0.13), "lymphocyte": (4.6, 0.24), "eosinophil": (6.8, 0.16)}[
-            kind
-        ]
+        radius, plasm = {"neutrophil": (6.6, 0.13), "lymphocyte": (4.6, 0.24), "eosinophil": (6.8, 0.16)}[kind]
         part, x, y = self.near(at, 1.3 * radius)
         bent = noise((y.size, x.size), (5, 5), random)
         inside = _soft(radius * (1 + 0.05 * bent) - np.hypot(x, y))
@@ -56,9 +52,7 @@ class Film:
             angles = start + np.arange(lobes) * random.uniform(1.0, 1.35)
             knots = 3.1 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
             for k, (a, b) in enumerate(knots):
-                nucleus = np.maximum(
-                    nucleus, _soft(random.uniform(1.7, 2.3) - np.hypot(x - a, (y - b) * 1.1))
-                )
+                nucleus = np.maximum(nucleus, _soft(random.uniform(1.7, 2.3) - np.hypot(x - a, (y - b) * 1.1)))
                 if k:  # a thread joins the lobes
                     m = (knots[k] + knots[k - 1]) / 2
                     nucleus = np.maximum(nucleus, _soft(0.8 - np.hypot(x - m[0], y - m[1])))
@@ -103,13 +97,9 @@ def films(params: dict[str, object], random: np.random.Generator) -> tuple[np.nd
         kind = random.choice(["neutrophil", "neutrophil", "lymphocyte", "eosinophil"])
         upper.white_cell(at, str(kind), random)
     for _ in range(30):
-        upper.speck(
-            random.uniform((0, 0), SIZE_UM), random.uniform(0.8, 1.5), random.uniform(0.15, 0.3), random
-        )
+        upper.speck(random.uniform((0, 0), SIZE_UM), random.uniform(0.8, 1.5), random.uniform(0.15, 0.3), random)
     for _ in range(50):
-        lower.speck(
-            random.uniform((0, 0), SIZE_UM), random.uniform(0.3, 0.7), random.uniform(0.1, 0.4), random
-        )
+        lower.speck(random.uniform((0, 0), SIZE_UM), random.uniform(0.3, 0.7), random.uniform(0.1, 0.4), random)
     plasma = 0.02 + 0.008 * cloudy(upper.absorbance.shape, 30, 4, random)
     stain = float(params["stain"])
     return stain * (upper.absorbance + plasma), stain * lower.absorbance

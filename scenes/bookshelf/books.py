@@ -29,12 +29,7 @@ class Book:
 
 
 def row(
-    begin_mm: float,
-    end_mm: float,
-    tallest_mm: float,
-    share: float,
-    contrast: float,
-    random: np.random.Generator,
+    begin_mm: float, end_mm: float, tallest_mm: float, share: float, contrast: float, random: np.random.Generator
 ) -> list[Book]:
     """Books from begin to end, upright: editions of equal backs (a share of the width) and single ones."""
     books: list[Book] = []
@@ -75,18 +70,11 @@ def leaning(
 
 
 def meshes(
-    prefix: str,
-    books: list[Book],
-    board_m: float,
-    front_m: float,
-    texel_mm: float,
-    random: np.random.Generator,
+    prefix: str, books: list[Book], board_m: float, front_m: float, texel_mm: float, random: np.random.Generator
 ) -> dict[str, Any]:
     """Shapes of a row on the board at this height: spines of cloth, spines of paper, covers, page blocks."""
     prints = [
-        spines.spine(
-            (round(b.high / texel_mm), round(b.thick / texel_mm)), texel_mm, b.look, b.volume, random
-        )
+        spines.spine((round(b.high / texel_mm), round(b.thick / texel_mm)), texel_mm, b.look, b.volume, random)
         for b in books
     ]
     starts = np.cumsum([0] + [p.shape[1] + 4 for p in prints])
@@ -94,12 +82,7 @@ def meshes(
     for picture, start in zip(prints, starts, strict=False):
         atlas[: picture.shape[0], start : start + picture.shape[1]] = picture
         atlas[: picture.shape[0], start + picture.shape[1] : start + picture.shape[1] + 4] = picture[:, -1:]
-    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {
-        "cloth": [],
-        "paper": [],
-        "covers": [],
-        "pages": [],
-    }
+    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {"cloth": [], "paper": [], "covers": [], "pages": []}
     for book, picture, start in zip(books, prints, starts, strict=False):
         scale = np.array([atlas.shape[1], atlas.shape[0]])
         first, size = np.array([start, atlas.shape[0] - picture.shape[0]]), np.array(picture.shape[::-1])
@@ -108,12 +91,7 @@ def meshes(
             return (first + np.stack(np.broadcast_arrays(u, v), axis=-1) * size) / scale
 
         _book(book, board_m, front_m, on_print, parts)
-    look = {
-        "cloth": matte(atlas),
-        "paper": satin(atlas, 0.3),
-        "covers": matte(atlas),
-        "pages": matte(_pages(random)),
-    }
+    look = {"cloth": matte(atlas), "paper": satin(atlas, 0.3), "covers": matte(atlas), "pages": matte(_pages(random))}
     shapes = {}
     for kind, grids in parts.items():
         if grids:

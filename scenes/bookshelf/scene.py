@@ -21,15 +21,7 @@ TALLEST_MM, LOWER_TALLEST_MM = 165.0, 232.0
 TEXEL_MM, LOWER_TEXEL_MM = 0.25, 0.5  # a pixel sees 0.7 mm to 1.0 mm
 GLOBE_RADIUS, GLOBE_HEIGHT, TILT_DEG = 0.030, 0.052, 23.4
 # Radius and height (m) of the globe's foot, from the board up.
-FOOT = [
-    (0.0, 0.0),
-    (0.022, 0.0),
-    (0.023, 0.002),
-    (0.018, 0.005),
-    (0.007, 0.008),
-    (0.0035, 0.011),
-    (0.0032, 0.018),
-]
+FOOT = [(0.0, 0.0), (0.022, 0.0), (0.023, 0.002), (0.018, 0.005), (0.007, 0.008), (0.0035, 0.011), (0.0032, 0.018)]
 
 LAMP_SIZE, LAMP_RADIANCE = (0.28, 0.28), 26.0  # W m^-2 sr^-1
 CEILING_SIZE, CEILING_RADIANCE = (1.2, 0.6), 5.0

@@ -6,6 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
@@ -54,9 +55,7 @@ def swept(name: str, rings: np.ndarray, bsdf: dict[str, Any]) -> mi.Mesh:
     first = (np.arange(count - 1)[:, None] * points + np.arange(points - 1)).ravel()
     halves = [(first, first + 1, first + points + 1), (first, first + points + 1, first + points)]
     faces = np.concatenate([np.stack(half, axis=1) for half in halves])
-    return mesh(
-        name, rings.reshape(-1, 3), faces, np.stack([u.ravel(), v.ravel()], axis=1), bsdf, smooth=True
-    )
+    return mesh(name, rings.reshape(-1, 3), faces, np.stack([u.ravel(), v.ravel()], axis=1), bsdf, smooth=True)
 
 
 def turned(outline: list[tuple[float, float]], foot: Vector, around: int = 64) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import titles
-from letters import stamp, word
+from broad_pen import stamp, word
 from patterns import cloudy, noise
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII")
@@ -39,13 +39,7 @@ def new_look(kind: str, contrast: float, random: np.random.Generator) -> Look:
     label = ground + contrast * (random.choice([0.06, 0.5, 0.75]) - ground)
     words = titles.JOURNALS if kind == "journal" else titles.SERIES
     return Look(
-        kind,
-        ground,
-        ink,
-        label,
-        int(random.integers(3)),
-        str(random.choice(words)),
-        random.uniform(0.11, 0.19),
+        kind, ground, ink, label, int(random.integers(3)), str(random.choice(words)), random.uniform(0.11, 0.19)
     )
 
 
@@ -82,9 +76,7 @@ class _Print:
         """A line that reads from head to foot."""
         self._line(text, (begin + end) / 2, high_mm, (end - begin) * self.rows, tone, True, face)
 
-    def _line(
-        self, text: str, at: float, high_mm: float, room: float, tone: float, turn: bool, face: Any
-    ) -> None:
+    def _line(self, text: str, at: float, high_mm: float, room: float, tone: float, turn: bool, face: Any) -> None:
         high = high_mm / self.texel_mm
         ink = word(text, high, **face)
         if ink.shape[1] > room:
@@ -151,12 +143,7 @@ def _journal(page: _Print, volume: int | None, random: np.random.Generator) -> N
     high = 0.48 * page.wide_mm
     page.along(look.text, 0.14, 0.56, high, look.ink, pen=look.bold)
     page.along(
-        f"NO {number} {random.choice(['SPRING', 'SUMMER', 'AUTUMN', 'WINTER'])}",
-        0.60,
-        0.90,
-        high,
-        look.ink,
-        pen=0.12,
+        f"NO {number} {random.choice(['SPRING', 'SUMMER', 'AUTUMN', 'WINTER'])}", 0.60, 0.90, high, look.ink, pen=0.12
     )
 
 

@@ -70,9 +70,7 @@ def _in_the_layer(level: float, radius: float, random: np.random.Generator) -> n
     return np.array([x, random.uniform(PANE[0] - 0.016, PANE[1] - 0.004), room - depth])
 
 
-def _way(
-    start: np.ndarray, level: float, radius: float, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _way(start: np.ndarray, level: float, radius: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Times and places of a rise at even speed, drawn in where the shoulder begins; never through glass."""
     top, speed = level - radius - GAP_M, SPEED_BY_SQUARE * radius**2
     turn, out = random.uniform(0, 2 * np.pi), _room(level, radius) * np.sqrt(random.random())

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 OIL, AIR = 1.47, 1.0  # and glass
@@ -73,10 +74,7 @@ def _loft(profile: np.ndarray) -> Surface:
     angle = np.concatenate([np.linspace(k, k + 1, AROUND + 1) * np.pi / 2 for k in range(4)])
     corner, angle = np.concatenate([corner, corner[:1]]), np.append(angle, 2 * np.pi)
     sides = [[PANE_SHARE, 1], [-PANE_SHARE, 1]]  # of the pane, on the front between the first two edges
-    corner, angle = (
-        np.insert(corner, AROUND + 1, sides, axis=0),
-        np.insert(angle, AROUND + 1, [np.pi / 2] * 2),
-    )
+    corner, angle = (np.insert(corner, AROUND + 1, sides, axis=0), np.insert(angle, AROUND + 1, [np.pi / 2] * 2))
     out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     half, edge, height = (profile[:, k, None, None] for k in range(3))
     flat = (half - edge) * corner + edge * out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from letters import drawn, lines
+from stroke_font import drawn, lines
 
 Shape = tuple[int, int]
 LABEL_MM, LABEL_TEXEL_MM = (34.0, 28.0), 0.08  # a pixel sees 0.36 to 0.40 mm
@@ -35,10 +35,7 @@ def cloudy(shape: Shape, cells: float, octaves: int, random: np.random.Generator
 def label(random: np.random.Generator) -> np.ndarray:
     """Reflectance of a printed paper label: a name, a sun over hills, small print, a bar code, wear."""
     wide, high = LABEL_MM
-    x, y = (
-        ((np.arange(round(side / LABEL_TEXEL_MM)) + 0.5) * LABEL_TEXEL_MM).astype(np.float32)
-        for side in LABEL_MM
-    )
+    x, y = (((np.arange(round(side / LABEL_TEXEL_MM)) + 0.5) * LABEL_TEXEL_MM).astype(np.float32) for side in LABEL_MM)
     shape = y.size, x.size
     fibre = noise(shape, (high / 0.25, wide / 0.25), random)
     grey = np.full(shape, PAPER, dtype=np.float32)

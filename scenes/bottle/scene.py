@@ -112,9 +112,7 @@ def _lights(params: dict[str, Any]) -> dict[str, Any]:
     t = mi.ScalarTransform4f()
     random = np.random.default_rng([86, params["garden_seed"]])
     z = -params["distance_m"]
-    garden = _sheet(
-        t.translate([0, 0.19, z - GARDEN_BEHIND]), *GARDEN_SIZE, {"type": "diffuse", "reflectance": 0.0}
-    )
+    garden = _sheet(t.translate([0, 0.19, z - GARDEN_BEHIND]), *GARDEN_SIZE, {"type": "diffuse", "reflectance": 0.0})
     daylight = GARDEN_RADIANCE * prints.garden((216, 315), GARDEN_SMOOTHED_M / GARDEN_SIZE[0] * 315, random)
     face = np.array([params["aside_m"], 0.0, z])
     azimuth = np.radians(params["lamp_azimuth_deg"])
@@ -127,10 +125,7 @@ def _lights(params: dict[str, Any]) -> dict[str, Any]:
     aside = _sheet(other, *ASIDE_SIZE, {"type": "diffuse", "reflectance": 0.0})
     lamp = _sheet(aim, LAMP_SIZE, LAMP_SIZE, {"type": "diffuse", "reflectance": 0.0})
     return {
-        "garden": {
-            **garden,
-            "emitter": {"type": "area", "radiance": _picture(daylight), "sampling_weight": SELDOM},
-        },
+        "garden": {**garden, "emitter": {"type": "area", "radiance": _picture(daylight), "sampling_weight": SELDOM}},
         "aside": {**aside, "emitter": {"type": "area", "radiance": ASIDE_RADIANCE}},
         "lamp": {**lamp, "emitter": {"type": "area", "radiance": float(radiance)}},
         "room": {"type": "constant", "radiance": ROOM_RADIANCE, "sampling_weight": SELDOM},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from letters import stamp, word
+from broad_pen import stamp, word
 from surfaces import cloudy, noise
 
 BRICK_M, JOINT_M, TEXEL_M = (0.215, 0.065), 0.010, 0.0008  # a pixel sees 1.3 mm and more

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 import patterns
 import sculpture
+
 from saf_gen.render.meshes import make_mesh
 
 M_PER_MM = 1e-3
@@ -85,9 +86,7 @@ def _figurine(yaw_deg: float, nearer_m: float, seed: int) -> dict[str, Any]:
     uv = (vertices[:, :2] - corner) / extent
     angle = np.radians(yaw_deg)
     x, y, z = vertices.T * M_PER_MM
-    turned = np.column_stack(
-        [x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle)]
-    )
+    turned = np.column_stack([x * np.cos(angle) + z * np.sin(angle), y, z * np.cos(angle) - x * np.sin(angle)])
     feet = np.array([-0.008, 0.0006, nearer_m])
     return {"camel": _mesh("camel", turned + feet, triangles, uv, _matte(skin))}
 
@@ -158,15 +157,9 @@ def _panel(origin: tuple[float, float, float], size: float, radiance: float) -> 
     }
 
 
-def _sheet(
-    centre: list[float], turn: Any, width: float, height: float, bsdf: dict[str, Any]
-) -> dict[str, Any]:
+def _sheet(centre: list[float], turn: Any, width: float, height: float, bsdf: dict[str, Any]) -> dict[str, Any]:
     size = mi.ScalarTransform4f().scale([width / 2, height / 2, 1])
-    return {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f().translate(centre) @ turn @ size,
-        "bsdf": bsdf,
-    }
+    return {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate(centre) @ turn @ size, "bsdf": bsdf}
 
 
 def _ball(centre: tuple[float, float, float], radius: float, bsdf: dict[str, Any]) -> dict[str, Any]:
@@ -203,9 +196,7 @@ def _catmull_rom(values: np.ndarray, at: np.ndarray) -> np.ndarray:
     return a + t * (ta + t * (3 * (b - a) - 2 * ta - tb + t * (2 * (a - b) + ta + tb)))
 
 
-def _mesh(
-    name: str, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, bsdf: dict[str, Any]
-) -> mi.Mesh:
+def _mesh(name: str, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, bsdf: dict[str, Any]) -> mi.Mesh:
     """Triangle mesh in metres with smooth normals; its id is its name."""
     return make_mesh(name, vertices, faces=triangles, bsdf=bsdf, uv=uv, smooth=True)
 

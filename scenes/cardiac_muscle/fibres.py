@@ -60,9 +60,7 @@ class Fibres:
             y -= off - np.copysign(self.width / 2, off) if gap else off
         return x, y
 
-    def near(
-        self, x: float, y: float, reach: float
-    ) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray] | None:
+    def near(self, x: float, y: float, reach: float) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray] | None:
         """A window round a point on a middle line: texels, and there µm along and across that line."""
         window = self.window(x, y, reach)
         if window is None:

@@ -12,8 +12,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 from fibres import SIZE_UM, run
-from saf_gen.render.meshes import make_mesh
 from stain import layers
+
+from saf_gen.render.meshes import make_mesh
 
 MM_PER_UM = 1e-3
 BELOW_UM = 2.0  # from the upper sheet to the lower
@@ -43,13 +44,7 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
     """The stage creeps to and fro as a hand turns it, and sinks by a tenth of its way."""
     way, azimuth = params["drift_um"] * 1e-6, np.radians(params["drift_azimuth_deg"])
     keyframes = []
-    for time_s, share, aside in (
-        (0, -0.5, 0),
-        (0.2, -0.35, 0.1),
-        (0.5, 0, 0),
-        (0.7, 0.3, -0.15),
-        (1, 0.5, 0),
-    ):
+    for time_s, share, aside in ((0, -0.5, 0), (0.2, -0.35, 0.1), (0.5, 0, 0), (0.7, 0.3, -0.15), (1, 0.5, 0)):
         c, s = np.cos(azimuth), np.sin(azimuth)
         shift = [way * (share * c - aside * s), way * (share * s + aside * c), -0.1 * way * share]
         keyframes.append({"time_s": float(time_s), "translate_m": [float(x) for x in shift]})

@@ -20,9 +20,7 @@ def layers(fibres: Fibres, sarcomere_um: float, random: np.random.Generator) -> 
     pale = _pale(fibres, nuclei)
     mass = _striated(fibres, sarcomere_um, random) * inside * (1 - 0.75 * pale)
     upper, lower = UPPER * mass, (1 - UPPER) * np.roll(mass, (4, 3), (0, 1))  # fibrils below lie beside
-    upper += (
-        MEMBRANE * np.exp(-((edge / 0.55) ** 2)) * (0.6 + 0.4 * noise(fibres.x, fibres.y, (9.0, 3.0), random))
-    )
+    upper += MEMBRANE * np.exp(-((edge / 0.55) ** 2)) * (0.6 + 0.4 * noise(fibres.x, fibres.y, (9.0, 3.0), random))
     upper += _strands(fibres, edge, random)
     for place in discs:
         _disc(upper, fibres, place, inside, sarcomere_um, random)
@@ -52,9 +50,7 @@ def _gaps(fibres: Fibres, random: np.random.Generator) -> tuple[np.ndarray, list
     return gap, vessels
 
 
-def _places(
-    fibres: Fibres, count: int, apart: Spot, random: np.random.Generator, *, gap: bool = False
-) -> list[Spot]:
+def _places(fibres: Fibres, count: int, apart: Spot, random: np.random.Generator, *, gap: bool = False) -> list[Spot]:
     """Places in the middle of cells, or of gaps, so far apart along and across."""
     found: list[Spot] = []
     reach = 0.55 * float(np.hypot(*SIZE_UM))
@@ -106,12 +102,7 @@ def _strands(fibres: Fibres, edge: np.ndarray, random: np.random.Generator) -> n
 
 
 def _disc(
-    image: np.ndarray,
-    fibres: Fibres,
-    place: Spot,
-    inside: np.ndarray,
-    period: float,
-    random: np.random.Generator,
+    image: np.ndarray, fibres: Fibres, place: Spot, inside: np.ndarray, period: float, random: np.random.Generator
 ) -> None:
     """An intercalated disc: a dark line across the cell in two to four steps, thin lines along it between."""
     near = fibres.near(*place, 0.75 * fibres.width + 8)

@@ -27,9 +27,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     index, thickness = params["index"], params["thickness_um"]
     path, cover = np.zeros((rows, columns)), np.zeros((rows, columns))
     for middle in _places(random, round(params["cells"])):
-        near = tuple(
-            slice(*np.searchsorted(s, (-REACH_UM, REACH_UM))) for s in (middle[1] - y, x - middle[0])
-        )
+        near = tuple(slice(*np.searchsorted(s, (-REACH_UM, REACH_UM))) for s in (middle[1] - y, x - middle[0]))
         inside, nucleus, folds = _cell(random, x[near[1]] - middle[0], (y[near[0]] - middle[1])[:, None])
         scale = thickness * random.uniform(0.8, 1.25)
         height = inside * (scale * (1 + 0.16 * wrinkles[near] + 0.05 * grain[near]) + 0.5 * folds)
@@ -55,9 +53,7 @@ def _places(random: np.random.Generator, count: int) -> list[np.ndarray]:
     return found
 
 
-def _cell(
-    random: np.random.Generator, x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cell(random: np.random.Generator, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cover, height of the nucleus and height of folds of a cell (0 to 1), at places round its middle."""
     angle, radius = np.arctan2(y, x), np.hypot(x, y)
     size = random.uniform(24, 36)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from layout import CLEAR_MM, SIZE_MM, Layout
-from letters import drawn
+from stroke_font import drawn
 from surfaces import cloudy, noise
 
 TEXEL_MM = 0.009  # a pixel sees 25 µm

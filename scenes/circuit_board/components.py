@@ -13,12 +13,7 @@ def pack(ic: np.ndarray) -> Body:
     """The moulded body, its sides drawn in towards top and bottom; its picture is seen from above."""
     low, high = PACK_MM
     middle = (low + high) / 2
-    rings = [
-        (BODY_MM - 0.14, low),
-        (BODY_MM, middle - 0.05),
-        (BODY_MM, middle + 0.05),
-        (BODY_MM - 0.12, high - 0.02),
-    ]
+    rings = [(BODY_MM - 0.14, low), (BODY_MM, middle - 0.05), (BODY_MM, middle + 0.05), (BODY_MM - 0.12, high - 0.02)]
     rings += [(BODY_MM - 0.15, high), (0.001, high)]
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
     made = grid(np.stack([np.column_stack([half * corner, np.full(5, z)]) for half, z in rings]))
@@ -28,13 +23,7 @@ def pack(ic: np.ndarray) -> Body:
 def leads(layout: Layout) -> Body:
     """Gull wings: out of the body, down, along the pad; flat strips with a fillet of solder at the heel."""
     heel, knee = BODY_MM + 0.36, BODY_MM + 0.22
-    path = [
-        (BODY_MM - 0.1, 0.52),
-        (knee - 0.03, 0.52),
-        (knee + 0.02, 0.49),
-        (heel - 0.04, 0.17),
-        (heel + 0.02, 0.065),
-    ]
+    path = [(BODY_MM - 0.1, 0.52), (knee - 0.03, 0.52), (knee + 0.02, 0.49), (heel - 0.04, 0.17), (heel + 0.02, 0.065)]
     path += [(heel + 0.1, 0.05), (BODY_MM + 0.25 + LEAD_MM[1], 0.05)]
     upper, half = np.array(path), LEAD_MM[0] / 2
     lower = upper - [0.0, 0.045]
@@ -42,12 +31,8 @@ def leads(layout: Layout) -> Body:
     wings = []
     for t, side in layout.leads:
         across = [(-half, 1.0), (half, 1.0)]
-        strip = np.stack(
-            [np.column_stack([curve[:, 0], np.full(len(curve), w), curve[:, 1]]) for w, _ in across]
-        )
-        edges = [
-            [np.column_stack([e[:, 0], np.full(7, w), e[:, 1]]) for e in (upper, lower)] for w, _ in across
-        ]
+        strip = np.stack([np.column_stack([curve[:, 0], np.full(len(curve), w), curve[:, 1]]) for w, _ in across])
+        edges = [[np.column_stack([e[:, 0], np.full(7, w), e[:, 1]]) for e in (upper, lower)] for w, _ in across]
         caps = [grid(np.stack(edge)) for edge in edges]
         toe = _fillet((BODY_MM + 0.25 + LEAD_MM[1], 0.05), 0.11, half)
         wing = placed(joined([grid(strip), *caps, toe, _fillet((heel + 0.06, 0.1), -0.24, half)]), [0, t, 0])

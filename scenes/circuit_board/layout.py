@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from letters import lines
+from stroke_font import lines
 
 SIZE_MM = (15.0, 12.0)  # of the board that is modelled; the lens sees 10 mm × 6.25 mm
 PITCH, LEAD_MM, BODY_MM = 0.5, (0.22, 0.75), 2.1  # of the flat pack: pitch, foot of a lead, half the body
@@ -50,9 +50,7 @@ def draw_layout(ic_mm: float, random: np.random.Generator) -> Layout:
         for y in heights:
             if random.random() < 0.85:
                 level = bool(random.random() < 0.65)
-                chips.append(
-                    _chip(np.array([x + ic_mm / 2 + (0.0 if level else 0.15 * column), y]), level, random)
-                )
+                chips.append(_chip(np.array([x + ic_mm / 2 + (0.0 if level else 0.15 * column), y]), level, random))
     xs = np.arange(-6.2, 1.6, 1.9) + random.uniform(-0.3, 0.3)
     chips += [_chip(np.array([x, y]), True, random) for y in (-4.3, 5.4) for x in xs]
     for chip in chips:
@@ -63,9 +61,7 @@ def draw_layout(ic_mm: float, random: np.random.Generator) -> Layout:
             half = (0.24, wide / 2 + 0.05) if chip.level else (wide / 2 + 0.05, 0.24)
             pads.append((*at, *half))
             stop = at + side * along * random.uniform(0.3, 0.4)
-            bend = stop + random.uniform(0.1, 0.3) * (
-                along[::-1] * random.choice([-1, 1]) + 0.6 * side * along
-            )
+            bend = stop + random.uniform(0.1, 0.3) * (along[::-1] * random.choice([-1, 1]) + 0.6 * side * along)
             traces += [(at, stop), (stop, bend)]
             if random.random() < 0.6:
                 vias.append(bend)

@@ -13,8 +13,8 @@ import components
 import mitsuba as mi
 import numpy as np
 from layout import BODY_MM, SIZE_MM, Layout, draw_layout
-from letters import drawn, lines
 from solids import Body, grid, joined, placed, turning
+from stroke_font import drawn, lines
 from surfaces import cloudy, glossy, matte, mesh, noise, texture, tones
 
 RING_MM, RING_RADIUS_MM, RING_LAMP_MM, RING_RADIANCE = 55.0, 26.0, 7.0, 95.0  # height, radius; W m^-2 sr^-1
@@ -28,9 +28,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     random = np.random.default_rng([1943, int(params["seed"])])
     layout = draw_layout(params["ic_mm"], random)
     half = np.array(SIZE_MM) / 2
-    flat = grid(
-        [[(-half[0], -half[1], 0), (half[0], -half[1], 0)], [(-half[0], half[1], 0), (half[0], half[1], 0)]]
-    )
+    flat = grid([[(-half[0], -half[1], 0), (half[0], -half[1], 0)], [(-half[0], half[1], 0), (half[0], half[1], 0)]])
     picture = texture(board.face(layout, params["solder_mask"], random))
     parts = components.chips(layout)
     tin = glossy(texture(0.34 * (1 + 0.3 * cloudy((64, 64), 6, 3, random))), 0.3)

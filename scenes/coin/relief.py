@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from letters import lines
 from solids import rounded
+from stroke_font import lines
 
 RADIUS = 12.0
 RIM, BEADS, LEGEND_R, FIELD_R = 0.42, 72, 9.35, 7.7
@@ -101,25 +101,12 @@ def _round_the_rim(text: str, *, up: bool) -> Pieces:
 
 def _ship(x: np.ndarray, y: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """A three-masted ship before the wind, on waves."""
-    hull = [
-        (-5.2, -1.7),
-        (-4.9, -3.4),
-        (-3.4, -4.3),
-        (2.6, -4.4),
-        (4.6, -3.2),
-        (5.6, -1.2),
-        (3.2, -2.1),
-        (-2.4, -2.2),
-    ]
+    hull = [(-5.2, -1.7), (-4.9, -3.4), (-3.4, -4.3), (2.6, -4.4), (4.6, -3.2), (5.6, -1.2), (3.2, -2.1), (-2.4, -2.2)]
     height = 0.34 * _body(x, y, hull, edge=0.9)
     for k in range(3):
-        height += 0.035 * _curve(
-            x, y, [(-4.6, -2.8 - 0.45 * k), (0, -3.2 - 0.4 * k), (4.8, -2.4 - 0.5 * k)], 0.16
-        )
+        height += 0.035 * _curve(x, y, [(-4.6, -2.8 - 0.45 * k), (0, -3.2 - 0.4 * k), (4.8, -2.4 - 0.5 * k)], 0.16)
     for mast, tall in ((-3.2, 4.4), (0.2, 6.0), (3.2, 4.2)):
-        height = np.maximum(
-            height, 0.22 * _lines(x, y, [(np.array([mast, -2.2]), np.array([mast, tall + 0.5]))], 0.24)
-        )
+        height = np.maximum(height, 0.22 * _lines(x, y, [(np.array([mast, -2.2]), np.array([mast, tall + 0.5]))], 0.24))
         for k, (low, high) in enumerate(((0.0, 0.47), (0.5, 0.78), (0.8, 1.0))):
             wide = 1.75 - 0.42 * k
             bottom, top = -1.6 + low * (tall + 1.4), -1.6 + high * (tall + 1.4)
@@ -137,9 +124,7 @@ def _ship(x: np.ndarray, y: np.ndarray, random: np.random.Generator) -> np.ndarr
         height = np.maximum(height, 0.10 * _lines(x, y, [(np.array(rope[0]), np.array(rope[1]))], 0.13))
     for k in range(4):
         way = np.linspace(-6.6, 6.6, 27)
-        wave = np.stack(
-            [way, -4.5 - 0.62 * k + 0.22 * np.sin(2.2 * way + 1.9 * k + random.uniform(0, 6))], axis=1
-        )
+        wave = np.stack([way, -4.5 - 0.62 * k + 0.22 * np.sin(2.2 * way + 1.9 * k + random.uniform(0, 6))], axis=1)
         kept = wave[np.hypot(*wave.T) < FIELD_R - 0.2]
         height = np.maximum(height, 0.17 * _lines(x, y, list(pairwise(kept)), 0.34))
     return height
@@ -194,9 +179,7 @@ def _rose(x: np.ndarray, y: np.ndarray, random: np.random.Generator) -> np.ndarr
         along, off = r * np.cos(part), np.abs(r * np.sin(part))
         half = np.clip((reach - along) / reach, 0, 1) * reach * 0.20 * np.clip(along / (0.16 * reach), 0, 1)
         ridge = np.clip(1 - off / np.maximum(half, 1e-6), 0, 1)
-        height = np.maximum(
-            height, tall * ridge * (0.55 + 0.45 * np.clip(1 - along / reach, 0, 1)) * (half > 0)
-        )
+        height = np.maximum(height, tall * ridge * (0.55 + 0.45 * np.clip(1 - along / reach, 0, 1)) * (half > 0))
     return np.maximum(height, 0.46 * np.sqrt(np.clip(1 - (r / 0.95) ** 2, 0, None)))
 
 

@@ -21,14 +21,7 @@ RAKE, WINDOW, ROOM = 2.8, 1.3, 0.10  # W m^-2 sr^-1
 METALS = {"silver": 0.98, "nickel": 0.63, "bronze": 0.63, "brass": 0.73}  # reflectance at normal incidence
 FIELD_ALPHA, RELIEF_ALPHA = 0.13, 0.28  # bright field, frosted relief; wear makes both alike
 # Coins that lie about the leaning one: x, z, number in the stack.
-STACKS = (
-    (-1.0, -13.0, 4),
-    (-26.0, -20.0, 7),
-    (25.0, -30.0, 3),
-    (2.0, -48.0, 10),
-    (-38.0, -62.0, 5),
-    (36.0, -70.0, 8),
-)
+STACKS = ((-1.0, -13.0, 4), (-26.0, -20.0, 7), (25.0, -30.0, 3), (2.0, -48.0, 10), (-38.0, -62.0, 5), (36.0, -70.0, 8))
 LOOSE = ((-27.5, 7.0), (26.5, 4.0), (-23.0, 35.0), (24.0, 32.0), (0.5, 48.0), (-4.0, -78.0), (50.0, -14.0))
 
 
@@ -66,10 +59,7 @@ def _struck(points: np.ndarray, height: np.ndarray) -> Body:
     """A coin: the face over z = 0, the reeded edge, the back; the picture is laid on along z."""
     turn = np.linspace(0, 2 * np.pi, points.shape[1])
     reeds = 1 + 0.006 * np.sign(np.sin(110 * turn))
-    edge = [
-        np.stack([*(points[0].T * reeds), np.full(len(turn), z)], axis=1)
-        for z in (-THICK, height[0, 0] - 0.12)
-    ]
+    edge = [np.stack([*(points[0].T * reeds), np.full(len(turn), z)], axis=1) for z in (-THICK, height[0, 0] - 0.12)]
     back = np.stack([0 * turn, 0 * turn, 0 * turn - THICK], axis=1)
     rows = [back, np.stack([*points[0].T, 0 * turn - THICK], axis=1), *edge]
     rows += list(np.concatenate([points, height[..., None]], axis=2))
@@ -91,12 +81,8 @@ def _metal(kind: str, raised: np.ndarray | None, wear: float, random: np.random.
     n = len(x)
     r = np.hypot(x, y)
     cloud = cloudy((n, n), 5, 5, random)
-    alpha = (
-        np.where(True if raised is None else raised, RELIEF_ALPHA, FIELD_ALPHA + 0.12 * wear) + 0.03 * cloud
-    )
-    bright = (
-        0.92 - 0.10 * np.clip(cloud, 0, 1) - 0.28 * wear * np.clip(0.5 + cloudy((n, n), 9, 4, random), 0, 1)
-    )
+    alpha = np.where(True if raised is None else raised, RELIEF_ALPHA, FIELD_ALPHA + 0.12 * wear) + 0.03 * cloud
+    bright = 0.92 - 0.10 * np.clip(cloud, 0, 1) - 0.28 * wear * np.clip(0.5 + cloudy((n, n), 9, 4, random), 0, 1)
     bright *= 1 - 0.30 * wear * np.exp(-(((r - 10.2) / 0.5) ** 2))
     for _ in range(round(40 + 160 * wear)):
         cx, cy = random.uniform(-12, 12, 2)
@@ -122,20 +108,13 @@ def _metal(kind: str, raised: np.ndarray | None, wear: float, random: np.random.
 def _others(random: np.random.Generator, nearer: float) -> Body:
     """Stacks behind the leaning coin and coins that lie about, each turned as it fell."""
     coarse = _disc(90, 300)
-    kinds = [
-        _struck(coarse, relief.face(coarse[..., 0], coarse[..., 1], m, random))
-        for m in ("tree", "ship", "fish")
-    ]
+    kinds = [_struck(coarse, relief.face(coarse[..., 0], coarse[..., 1], m, random)) for m in ("tree", "ship", "fish")]
     plain = _struck(_disc(3, 300), np.array([[0.35] * 301, [0.3] * 301, [0.1] * 301, [0.1] * 301]))
     flat, made = turning([1, 0, 0], -90), []
     for n, (x, z, count) in enumerate(STACKS):
         for k in range(count):
             body = kinds[n % 3] if k == count - 1 else plain
-            shift = [
-                x + random.normal(0, 0.35),
-                THICK + (THICK + 0.42) * k,
-                z + random.normal(0, 0.35) + nearer,
-            ]
+            shift = [x + random.normal(0, 0.35), THICK + (THICK + 0.42) * k, z + random.normal(0, 0.35) + nearer]
             made.append(placed(body, shift, turn=flat @ turning([0, 0, 1], random.uniform(0, 360))))
     for n, (x, z) in enumerate(LOOSE):
         shift = [x + random.normal(0, 0.8), THICK + 0.05, z + random.normal(0, 0.8) + nearer]

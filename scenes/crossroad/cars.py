@@ -132,9 +132,7 @@ def wheel(kind: Kind) -> Body:
              (1.0, 0.08, 0.04)]  # fmt: skip
     rings += [(radius, -z, tone) for radius, z, tone in reversed(rings)]
     radius, z, tone = (np.array(part)[:, None] for part in zip(*rings, strict=True))
-    points = np.stack(
-        [r * radius * np.cos(angle), r * radius * np.sin(angle), np.broadcast_to(z, (len(z), 61))], 2
-    )
+    points = np.stack([r * radius * np.cos(angle), r * radius * np.sin(angle), np.broadcast_to(z, (len(z), 61))], 2)
     spoke = np.where((radius > 0.23) & (radius < 0.61) & (np.cos(5 * angle) < 0.1), 0.06, tone)
     return grid(points, tone=spoke)
 
@@ -152,9 +150,7 @@ def trim(kind: Kind) -> Body:
         for s in (-1, 1)
     ]
     under = box((-half + 0.22, 0.15, -0.8 * w), (half - 0.22, 0.36, 0.8 * w), 0.02)
-    aerial = tube(
-        [(kind.glass[2] + 0.25, kind.top - 0.03, 0), (kind.glass[2] - 0.1, kind.top + 0.30, 0)], 0.012
-    )
+    aerial = tube([(kind.glass[2] + 0.25, kind.top - 0.03, 0), (kind.glass[2] - 0.1, kind.top + 0.30, 0)], 0.012)
     return joined([*mirrors, under, aerial])
 
 

@@ -17,9 +17,7 @@ def furniture(random: np.random.Generator) -> list[Body]:
             made += _bollard(float(x), 4.05)
     for x, z in ((-6.6, -3.9), (-3.1, 3.95), (-2.0, -8.6)):
         made += _crossing_sign(x, z)
-    made.append(
-        turned([(0, 0.95), (0.24, 0.95), (0.27, 0.80), (0.25, 0.1), (0, 0.1)], (6.3, KERB, 4.6), tone=0.06)
-    )
+    made.append(turned([(0, 0.95), (0.24, 0.95), (0.27, 0.80), (0.25, 0.1), (0, 0.1)], (6.3, KERB, 4.6), tone=0.06))
     made.append(box((-9.0, KERB + 0.42, -6.1), (-7.3, KERB + 0.47, -5.65), 0.20))
     made += [box((x, KERB, -6.1), (x + 0.08, KERB + 0.42, -5.65), 0.05) for x in (-8.9, -7.5)]
     for k in range(3):  # goods before a shop
@@ -39,9 +37,7 @@ def furniture(random: np.random.Generator) -> list[Body]:
 
 
 def _lamp_post(x: float, z: float, turn: float, *, basket: bool = False) -> list[Body]:
-    post = turned(
-        [(0.11, 0), (0.11, 0.9), (0.075, 1.0), (0.05, 6.4), (0.04, 6.5)], (0, KERB, 0), around=14, tone=0.10
-    )
+    post = turned([(0.11, 0), (0.11, 0.9), (0.075, 1.0), (0.05, 6.4), (0.04, 6.5)], (0, KERB, 0), around=14, tone=0.10)
     arm = tube([(0, 6.5, 0), (0.35, 6.9, 0), (1.1, 7.05, 0)], 0.035, tone=0.10)
     head = box((0.95, 6.92, -0.15), (1.75, 7.06, 0.15), 0.35)
     parts = [

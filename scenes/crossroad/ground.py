@@ -50,19 +50,13 @@ def road_picture(wear: float, random: np.random.Generator) -> np.ndarray:
     second = (z > ZEBRA_Z[0]) & (z < ZEBRA_Z[1]) & on_side & (np.mod(x, 1.0) < 0.5)
     clear = (x < ZEBRA_X[0] - 1) | (x > ZEBRA_X[1] + 1)
     middle = (np.abs(z) < 0.06) & clear & (np.mod(x, 3.0) < 1.6)
-    edge = (
-        (np.abs(np.abs(z) - HALF_ROAD + 0.35) < 0.05)
-        & ((z > 0) | (x < SIDE[0] - 2) | (x > SIDE[1] + 2))
-        & clear
-    )
+    edge = (np.abs(np.abs(z) - HALF_ROAD + 0.35) < 0.05) & ((z > 0) | (x < SIDE[0] - 2) | (x > SIDE[1] + 2)) & clear
     stop = (np.abs(z + 4.4) < 0.16) & (x > SIDE[0] + 2.2) & (x < SIDE[0] + 5.0) & (np.mod(x, 0.9) < 0.6)
     surfaces.worn_paint(ground, first | second | middle | edge | stop, random, wear=wear)
     for at in ((1.8, -1.1), (-8.0, 2.2), (4.4, -9.5), (9.6, -2.3)):
         far = np.hypot(x - at[0], z - at[1])
         ground[far < 0.36] = 0.05
-        lid = (far < 0.32) & (
-            np.sin(2 * np.pi * (x - at[0]) / 0.08) * np.sin(2 * np.pi * (z - at[1]) / 0.08) > 0
-        )
+        lid = (far < 0.32) & (np.sin(2 * np.pi * (x - at[0]) / 0.08) * np.sin(2 * np.pi * (z - at[1]) / 0.08) > 0)
         ground[lid] = 0.14
     return ground
 
@@ -118,12 +112,7 @@ def kerbs(random: np.random.Generator) -> Body:
                 inner = [point + inward * 0.16 for point in outer]
                 gutter = [point - inward * 0.30 for point in outer]
                 stones.append(_level([*outer, *inner[::-1]], KERB + 0.012, tone))
-                face = [
-                    (*outer[0], 0.0),
-                    (*outer[1], 0.0),
-                    (*outer[1], KERB + 0.012),
-                    (*outer[0], KERB + 0.012),
-                ]
+                face = [(*outer[0], 0.0), (*outer[1], 0.0), (*outer[1], KERB + 0.012), (*outer[0], KERB + 0.012)]
                 stones.append(quad(*[(x, y, z) for x, z, y in face], tone=0.7 * tone))
                 stones.append(_level([*outer, *gutter[::-1]], 0.004, 0.16 * float(random.uniform(0.7, 1.2))))
     return joined(stones)

@@ -56,15 +56,11 @@ def house(width: float, storeys: int, wall: int, random: np.random.Generator, *,
     made.plaster[wall].append(quad(*shut[::-1]))
     made.plaster[wall].append(quad(*[(width, y, z) for _, y, z in shut]))
     pipe = float(random.uniform(0.2, width - 0.2))
-    made.matte.append(
-        tube([(pipe, 0.1, 0.07), (pipe, 4.0, 0.07), (pipe, top, 0.07)], 0.05, around=8, tone=0.18)
-    )
+    made.matte.append(tube([(pipe, 0.1, 0.07), (pipe, 4.0, 0.07), (pipe, top, 0.07)], 0.05, around=8, tone=0.18))
     return made
 
 
-def _pierced(
-    walls: list[Body], width: float, low: float, high: float, holes: list[tuple[float, ...]]
-) -> None:
+def _pierced(walls: list[Body], width: float, low: float, high: float, holes: list[tuple[float, ...]]) -> None:
     """A strip of wall with one row of rectangular holes (left, right, sill, lintel), and their reveals."""
     sill, lintel = holes[0][2], holes[0][3]
     walls.append(_panel(0, width, low, sill))
@@ -159,8 +155,8 @@ def behind_glass(random: np.random.Generator) -> np.ndarray:
         if k >= PANES - 3:
             for _ in range(14):
                 r, c = int(random.integers(20, high - 6)), int(random.integers(0, wide - 10))
-                room[r : r + int(random.integers(5, 30)), c : c + int(random.integers(3, 10))] = (
-                    random.uniform(0.02, 0.28)
+                room[r : r + int(random.integers(5, 30)), c : c + int(random.integers(3, 10))] = random.uniform(
+                    0.02, 0.28
                 )
             room[int(0.92 * high) :] = 0.25
         elif k % 3 == 0:

@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
@@ -116,9 +117,7 @@ def mesh(name: str, made: Body, bsdf: Any, *, smooth: bool = False) -> mi.Mesh:
 
 def toned(made: Body) -> Body:
     """The body with its tones as texture coordinates of :func:`matte`."""
-    return Body(
-        made.vertices, made.triangles, np.stack([made.tone, np.full(len(made.tone), 0.5)], 1), made.tone
-    )
+    return Body(made.vertices, made.triangles, np.stack([made.tone, np.full(len(made.tone), 0.5)], 1), made.tone)
 
 
 def matte() -> Any:
@@ -135,9 +134,7 @@ def painted(picture: np.ndarray, *, tile_m: tuple[float, float] = (1.0, 1.0)) ->
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture(picture, tile_m)}}
 
 
-def glossy(
-    picture: np.ndarray | float, *, alpha: float, tile_m: tuple[float, float] = (1.0, 1.0)
-) -> dict[str, Any]:
+def glossy(picture: np.ndarray | float, *, alpha: float, tile_m: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:
     """A clear coat over a picture or one tone: car paint, window glass, glazed tiles."""
     under = picture if isinstance(picture, float) else texture(picture, tile_m)
     coat = {"type": "roughplastic", "diffuse_reflectance": under, "alpha": alpha, "int_ior": 1.5}

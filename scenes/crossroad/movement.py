@@ -45,9 +45,7 @@ def shapes(crowd: list[Mover], distance: float) -> dict[str, Any]:
 
 def _paint(mover: Mover) -> float:
     tones = (0.03, 0.10, 0.22, 0.36, 0.55, 0.72)
-    return float(
-        np.random.default_rng([mover.seed, 1]).choice(tones[2:] if mover.name == "target" else tones)
-    )
+    return float(np.random.default_rng([mover.seed, 1]).choice(tones[2:] if mover.name == "target" else tones))
 
 
 def _placed(mover: Mover, part: str, what: Body, distance: float) -> Body:
@@ -130,11 +128,7 @@ def motions(mover: Mover, distance: float, unit_m: float) -> dict[str, Any]:
             }
             for t, angle in zip(times, turn, strict=True)
         ]
-        words[f"{mover.name}_{part}"] = {
-            "axis": axis,
-            "centre_m": (centre * unit_m).tolist(),
-            "keyframes": frames,
-        }
+        words[f"{mover.name}_{part}"] = {"axis": axis, "centre_m": (centre * unit_m).tolist(), "keyframes": frames}
     return words
 
 

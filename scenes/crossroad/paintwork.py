@@ -32,11 +32,7 @@ def skin(kind: Kind, paint: float, random: np.random.Generator) -> np.ndarray:
     shift = int(0.5 * columns)
     _end(ends[:, :wide], z[None, :], tall, kind, random, front=True)
     _end(ends[:, shift : shift + wide], z[None, :], tall, kind, random, front=False)
-    views = [
-        _side(x[None, :], y[:, None], kind, paint, random),
-        _top(x[None, :], z[:, None], kind, paint),
-        ends,
-    ]
+    views = [_side(x[None, :], y[:, None], kind, paint, random), _top(x[None, :], z[:, None], kind, paint), ends]
     picture = np.concatenate(views)
     dust = noise(picture.shape, (picture.shape[0] // 12, columns // 20), random)
     return np.clip(picture * (1 + 0.07 * dust) + 0.012 * np.abs(dust), 0.015, 0.85).astype(np.float32)

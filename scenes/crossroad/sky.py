@@ -20,9 +20,7 @@ def sun(azimuth_deg: float) -> dict[str, Any]:
     aim = np.array([0.0, 0.0, -40.0])
     radius = SUN_M * float(np.tan(np.radians(SUN_RADIUS_DEG)))
     solid_angle = 2 * np.pi * (1 - float(np.cos(np.radians(SUN_RADIUS_DEG))))
-    pose = mi.ScalarTransform4f().look_at(
-        origin=(aim + SUN_M * towards).tolist(), target=aim.tolist(), up=[0, 0, 1]
-    )
+    pose = mi.ScalarTransform4f().look_at(origin=(aim + SUN_M * towards).tolist(), target=aim.tolist(), up=[0, 0, 1])
     return {
         "type": "disk",
         "to_world": pose @ mi.ScalarTransform4f().scale(radius),

@@ -23,9 +23,7 @@ def town(distance: float, wear: float, seed: int) -> dict[str, Any]:
     things = furniture.furniture(random) + furniture.trees(random)
     scene = {
         "road": mesh("road", ground.road().moved(shift), painted(ground.road_picture(wear, random))),
-        "side_street": mesh(
-            "side_street", ground.street().moved(shift), painted(ground.street_picture(wear, random))
-        ),
+        "side_street": mesh("side_street", ground.street().moved(shift), painted(ground.street_picture(wear, random))),
         "ground": mesh("ground", ground.ground().moved(shift), {"type": "diffuse", "reflectance": 0.18}),
         "pavement": mesh(
             "pavement",
@@ -33,9 +31,7 @@ def town(distance: float, wear: float, seed: int) -> dict[str, Any]:
             painted(surfaces.paving((500, 500), (0.016, 0.016), random), tile_m=(8.0, 8.0)),
         ),
         "fixtures": mesh("fixtures", toned(joined([kerbs, *things, *houses.matte])).moved(shift), matte()),
-        "windows": mesh(
-            "windows", joined(houses.glass).moved(shift), glossy(behind_glass(random), alpha=0.15)
-        ),
+        "windows": mesh("windows", joined(houses.glass).moved(shift), glossy(behind_glass(random), alpha=0.15)),
         "signs": mesh("signs", joined(houses.signs).moved(shift), painted(shop_signs(random))),
     }
     walls = [
@@ -63,9 +59,7 @@ def _houses(random: np.random.Generator) -> Houses:
             wall, storeys = (side, 3) if first else (int(random.integers(4)), int(random.integers(2, 5)))
             start = z if side else z - width
             # A house that looks towards +x has its left end farther away, one that looks to -x nearer.
-            row.add(
-                house(width, storeys, wall, random), (HOUSE_X[side], 0, start + (0 if side else width)), turn
-            )
+            row.add(house(width, storeys, wall, random), (HOUSE_X[side], 0, start + (0 if side else width)), turn)
             z -= width
     row.add(house(34.0, 2, 2, random), (-14.0, 0, END_Z - 8), 0)
     return row

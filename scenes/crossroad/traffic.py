@@ -55,9 +55,7 @@ def _in_the_way(other: Mover, target: Mover, distance: float) -> bool:
     u, far = distance - other.z, distance - target.z
     aside = abs(other.x / u - target.x / far) * far
     nearer = u < far and aside < target.half_width + other.half_width * far / u
-    near = np.hypot(other.x - target.x, other.z - target.z) < 0.5 + 0.5 * (
-        other.half_width + target.half_width
-    )
+    near = np.hypot(other.x - target.x, other.z - target.z) < 0.5 + 0.5 * (other.half_width + target.half_width)
     return bool(nearer or near)
 
 
@@ -73,13 +71,7 @@ def _target(kind: str, path: str, pace: float, random: np.random.Generator) -> M
         return Mover("target", model, -0.1 + 0.7 * aside, 1.75, RIGHT, 3.5 * pace, seed)
     if path == "depth":
         return Mover(
-            "target",
-            "walker",
-            -4.2 + 0.3 * aside,
-            0.9 + 0.8 * along,
-            AWAY if coin < 0 else NEARER,
-            1.6 * pace,
-            seed,
+            "target", "walker", -4.2 + 0.3 * aside, 0.9 + 0.8 * along, AWAY if coin < 0 else NEARER, 1.6 * pace, seed
         )
     way = RIGHT if coin < 0 else LEFT
     return Mover("target", "walker", 1.3 * aside, 5.9 + 0.5 * along, way, 1.4 * pace, seed, KERB)
@@ -102,9 +94,7 @@ def _other_cars(target: Mover, pace: float, random: np.random.Generator) -> list
         car("car_waiting", 2.0, -11.6 + random.uniform(-0.8, 0), NEARER),
     ]
     if target.kind == "walker":
-        made.append(
-            car("car_other", random.uniform(0.5, 3.0), -1.75, LEFT, 0.0 if target.z < 3 else 2.5 * pace)
-        )
+        made.append(car("car_other", random.uniform(0.5, 3.0), -1.75, LEFT, 0.0 if target.z < 3 else 2.5 * pace))
     elif target.z == -1.75:  # the other lane, on its way out of the picture
         made.append(car("car_other", 6.6, 1.75, RIGHT, 2.5 * pace))
     else:

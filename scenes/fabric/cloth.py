@@ -55,18 +55,13 @@ def _weave(u: np.ndarray, v: np.ndarray, kind: str, random: np.random.Generator)
     warp, weft = (1 + 0.13 * random.standard_normal(600).astype(np.float32) for _ in (0, 1))
     a, b = np.abs(u - i - 0.5) * 2, np.abs(v - j - 0.5) * 2  # 0 on a thread's middle, 1 between threads
     # The thread that is over is round across, and sinks where it goes under; its strands run askew.
-    strands = (
-        1 + 0.10 * np.sin(2 * np.pi * (2.0 * v + 1.2 * u)),
-        1 + 0.10 * np.sin(2 * np.pi * (2.0 * u - 1.2 * v)),
-    )
+    strands = (1 + 0.10 * np.sin(2 * np.pi * (2.0 * v + 1.2 * u)), 1 + 0.10 * np.sin(2 * np.pi * (2.0 * u - 1.2 * v)))
     on_warp = warp[i % 600] * (1 - 0.55 * a**3) * (1 - 0.35 * b**2) * strands[0]
     on_weft = weft[j % 600] * (1 - 0.55 * b**3) * (1 - 0.35 * a**2) * strands[1]
     return np.where(over, on_warp, 0.86 * on_weft).astype(np.float32)
 
 
-def _crosses(
-    u: np.ndarray, v: np.ndarray, pitch: float, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _crosses(u: np.ndarray, v: np.ndarray, pitch: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Cover of the yarn, and its brightness: two diagonal stitches in every cell of the chart."""
     cell = round(CROSS_MM / pitch)  # threads of the ground that a cross spans
     chart = _chart(int(np.ceil(v.max() / cell)) + 2, int(np.ceil(u.max() / cell)) + 2, random)

@@ -47,10 +47,7 @@ def guard(params: dict[str, Any], random: np.random.Generator, pose: Any) -> tup
         wires.append(rod(path, wire, _paint(along[-1] - along[0], random, tone)[: len(path)]))
     plate = turned([(0, 0.0014), (0.0085, 0.0013), (0.0105, 0.0005), (0.0109, -0.0008)])
     badge = seen_from_front(plate, prints.BADGE_MM * 1e-3)
-    return (
-        (joined(wires), lacquer(0.4), pose),
-        (badge, satin(prints.badge(random), 0.25), pose),
-    )
+    return ((joined(wires), lacquer(0.4), pose), (badge, satin(prints.badge(random), 0.25), pose))
 
 
 def rotor(params: dict[str, Any], random: np.random.Generator, pose: Any) -> tuple[Any, Any]:
@@ -59,14 +56,7 @@ def rotor(params: dict[str, Any], random: np.random.Generator, pose: Any) -> tup
     picture = satin(prints.rotor(count, random), 0.3)
     blades = joined([_blade(count, k) for k in range(count)])
     cap = turned(
-        [
-            (0, -0.0165),
-            (0.006, -0.0168),
-            (0.0105, -0.0178),
-            (0.0125, -0.0195),
-            (0.013, -0.022),
-            (0.013, -0.034),
-        ]
+        [(0, -0.0165), (0.006, -0.0168), (0.0105, -0.0178), (0.0125, -0.0195), (0.013, -0.022), (0.013, -0.034)]
     )
     size = prints.ROTOR_MM * 1e-3
     placed = pose @ mi.ScalarTransform4f().rotate([0, 0, 1], params["phase_deg"])
@@ -98,12 +88,8 @@ def stand(random: np.random.Generator, pose: Any, drop: float) -> dict[str, Any]
         for start, stop in pairwise(knees):
             path = start + np.linspace(0, 1, 60)[:, None] * (stop - start)
             wires.append(rod(path, WIRE, _paint(1.0, random, 0.16)[:60]))
-    motor = turned(
-        [(0, -0.040), (0.017, -0.041), (0.018, -0.045), (0.018, -0.070), (0.012, -0.076), (0, -0.077)]
-    )
-    foot = turned(
-        [(0, 0.0105), (0.008, 0.0105), (0.026, 0.0080), (0.0335, 0.0050), (0.0345, 0.0)], axis=1, around=120
-    )
+    motor = turned([(0, -0.040), (0.017, -0.041), (0.018, -0.045), (0.018, -0.070), (0.012, -0.076), (0, -0.077)])
+    foot = turned([(0, 0.0105), (0.008, 0.0105), (0.026, 0.0080), (0.0335, 0.0050), (0.0345, 0.0)], axis=1, around=120)
     neck = turned([(0.0052, 0.006), (0.0046, 0.012), (0.0046, drop - 0.012)], axis=1, around=40)
     below = pose @ mi.ScalarTransform4f().translate([0, -drop, -0.048])
     return {

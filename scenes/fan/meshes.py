@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from letters import drawn, lines
+from stroke_font import drawn, lines
 
 Shape = tuple[int, int]
 ROTOR_MM, BADGE_MM = 42.0, 11.5  # half the side of the picture
@@ -109,9 +109,7 @@ def _turned(pieces: list[tuple[np.ndarray, np.ndarray]], angle: float) -> list[t
 def _scratches(count: int, reach: float, random: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
     start = random.uniform(-reach, reach, (count, 2))
     length, angle = reach * random.uniform(0.04, 0.35, count), random.uniform(0, 2 * np.pi, count)
-    return list(
-        zip(start, start + length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1), strict=True)
-    )
+    return list(zip(start, start + length[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1), strict=True))
 
 
 def calendar(random: np.random.Generator) -> np.ndarray:

@@ -52,9 +52,7 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
     turning = {
         "axis": pose[:3, 2].tolist(),
         "centre_m": pose[:3, 3].tolist(),
-        "keyframes": [
-            {"time_s": float(t), "rotate_deg": float(a)} for t, a in zip(times, degrees, strict=True)
-        ],
+        "keyframes": [{"time_s": float(t), "rotate_deg": float(a)} for t, a in zip(times, degrees, strict=True)],
     }
     which = "target" if params["target"] == "blades" else "other"
     return {f"{which}_body": turning, f"{which}_hub": turning}
@@ -86,10 +84,7 @@ def _room(random: np.random.Generator) -> dict[str, Any]:
             matte(prints.calendar(random)),
         ),
     }
-    lying = [
-        (0.215, 0.030, 0.15, 0.10, 0.62, "TIDES AND WINDS", 4.0),
-        (0.190, 0.022, 0.14, 0.52, 0.06, "OPTICS", -7.0),
-    ]
+    lying = [(0.215, 0.030, 0.15, 0.10, 0.62, "TIDES AND WINDS", 4.0), (0.190, 0.022, 0.14, 0.52, 0.06, "OPTICS", -7.0)]
     low = DESK_Y
     for number, (length, thick, deep, ground, ink, title, yaw) in enumerate(lying):
         middle = t.translate([-0.135, low + thick / 2, -1.12]).rotate([0, 1, 0], yaw)

@@ -1,184 +1,289 @@
-"""Reflectance pictures, float32 in 0..1, row 0 on top: signs, clock, plate, posters, brick, asphalt."""
+"""Pictures of signs, posters and a clock as reflectances, float32 in 0..1, row 0 on top; lengths in metres.
+
+A sign of any layout is a list of panels; each has its own plate in the scene.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
-from letters import stamp, word
 from surfaces import cloudy, noise
+from typeface import Contours, Typeface, ink
 
-SIGN_M, TEXEL_M = (0.96, 0.70), 0.0008  # a pixel sees 3.8 mm of the sign
-TOWNS = (
-    "ALDERMERE", "BRONSTAD", "CASTELNUOVO", "DUNHAVEN", "EISENACHT", "FLORVILLE", "GRANBY", "HOLMSTED",
-    "ISLEY", "KARLSUND", "LINDOW", "MONTCLAIR", "NORDHAM", "OVERTON", "PENRYN", "QUARNHOLM", "ROSENBORG",
+TEXEL_M = 0.0008  # a pixel sees 3.8 mm of the sign
+SIGN_M = (0.96, 0.70)
+HERE = Path(__file__).parent
+PLACES = (
+    "St. Verity", "Aldermere", "Bronstad", "Castelnuovo", "Dunhaven", "Eisenacht", "Florville", "Granby",
+    "Holmsted", "Karlsund", "Lindow", "Montclair", "Nordham", "Overton", "Penryn", "Quarnholm", "Rosenborg",
+    "Isley",
 )  # fmt: skip
-STREETS = ("HARBOUR STREET", "MILL LANE", "STATION SQUARE", "KINGS ROAD", "ORCHARD WAY", "BAKERS ROW")
+VIA = ("via Lindow", "calls at all stations", "via Granby and Isley", "not on Sundays", "front coaches only")
+STREETS = ("Harbour Street", "Mill Lane", "Station Square", "Kings Road", "Orchard Way", "Bakers Row", "Castle Hill")
 WAYS = (
-    "PLATFORMS 1-6",
-    "TICKETS",
-    "EXIT TO RIVER",
-    "LEFT LUGGAGE",
-    "BUSES 12 & 48",
-    "TAXIS",
-    "WAITING ROOM",
-    "CYCLES",
-)
-ADS = ("FRESH COFFEE", "MATINEE 3.30", "SEA AIR", "BREAD & SALT", "ROUND TOURS", "JAZZ 21:00")
+    ("1–6", "Platforms", "trains to the north"), ("i", "Tickets", "and information"),
+    ("P", "Car park", "240 places"), ("B", "Buses 12, 48", "stop C, Station Square"),
+    ("L", "Left luggage", "06:00–22:30"), ("T", "Taxis", "at the east door"),
+    ("R", "River walk", "12 min on foot"), ("W", "Waiting room", "and café"),
+)  # fmt: skip
+ADS = (
+    ("Sea Air", "Penryn in 80 minutes"), ("Matinee", "Saturdays at half past three"),
+    ("Fresh Bread", "Baked at five, gone by noon"), ("Round Tours", "One ticket, nine towns"),
+    ("Jazz at Nine", "The cellar, Mill Lane 4"), ("Night Mail", "Posted today, read tomorrow"),
+)  # fmt: skip
 
 
-def sign(layout: str, inks: tuple[float, float], random: np.random.Generator) -> np.ndarray:
-    """The sign itself: ``inks`` are the reflectances of ground and print."""
-    ground, ink = inks
-    picture = np.full([round(side / TEXEL_M) for side in SIGN_M[::-1]], ground, dtype=np.float32)
-    {"timetable": _timetable, "directions": _directions, "streets": _streets}[layout](picture, ink, random)
-    _frame(picture, ink, inset=0.012, wide=0.005)
-    return _weathered(picture, random)
+class Panel(NamedTuple):
+    """A plate: its middle relative to that of the sign and its size (m), its picture, its bolts (x, y)."""
+
+    middle: tuple[float, float]
+    size: tuple[float, float]
+    picture: np.ndarray
+    bolts: list[tuple[float, float]]
 
 
-def _timetable(picture: np.ndarray, ink: float, random: np.random.Generator) -> None:
-    _write(picture, "DEPARTURES", (0.30, 0.065), 0.058, ink, pen=0.17)
-    _bar(picture, 0.115, ink)
-    hour, minute = int(random.integers(5, 20)), 0
-    for row, town in enumerate(random.choice(TOWNS, 9, replace=False)):
-        y = 0.157 + 0.059 * row
-        minute += int(random.integers(4, 23))
-        clock = f"{hour + minute // 60:02d}:{minute % 60:02d}"
-        _write(picture, clock, (0.045, y), 0.031, ink, pen=0.16)
-        _write(picture, str(town), (0.225, y), 0.031, ink)
-        _write(picture, f"{int(random.integers(1, 7))}", (0.755, y), 0.031, ink, pen=0.18)
-        _write(picture, str(random.choice(["ON TIME", "ON TIME", "LATE 5"])), (0.815, y + 0.004), 0.017, ink)
-        if row < 8:
-            _bar(picture, y + 0.0305, ink, thick=0.0015)
+class Board:
+    """A picture to be printed on; places are metres from its upper left corner."""
+
+    def __init__(self, size: tuple[float, float], ground: float, *, texel: float = TEXEL_M) -> None:
+        self.size, self.texel = size, texel
+        self.picture = np.full((round(size[1] / texel), round(size[0] / texel)), ground, dtype=np.float32)
+
+    def fill(self, contours: Contours, grey: float) -> None:
+        """Print contours in a grey."""
+        self.picture += ink(contours, self.picture.shape, scale=1 / self.texel) * (np.float32(grey) - self.picture)
+
+    def write(
+        self,
+        face: Typeface,
+        text: str,
+        at: tuple[float, float],
+        *,
+        cap: float,
+        grey: float,
+        align: str = "left",
+        room: float = np.inf,
+    ) -> None:
+        """Text with capitals of a height, its baseline at a place; smaller if wider than ``room``."""
+        size = cap / face.cap_height
+        size *= min(room / face.width(text, size=size), 1.0)
+        self.fill(face.line(text, at, size=size, align=align), grey)
 
 
-def _directions(picture: np.ndarray, ink: float, random: np.random.Generator) -> None:
-    for row, way in enumerate(random.choice(WAYS, 5, replace=False)):
-        y = 0.085 + 0.128 * row
+def faces() -> dict[str, Typeface]:
+    """The typefaces of the folder by name."""
+    return {name: Typeface(HERE / f"{name}.npz") for name in ("sign", "sign_bold", "condensed")}
+
+
+def block(low: tuple[float, float], high: tuple[float, float], radius: float = 0.0) -> np.ndarray:
+    """A rectangle with rounded corners as a contour."""
+    if not radius:
+        return np.array([low, (low[0], high[1]), high, (high[0], low[1])])
+    a = np.linspace(0, np.pi / 2, 9)
+    corners = ((high[0], high[1], 0), (low[0], high[1], 1), (low[0], low[1], 2), (high[0], low[1], 3))
+    parts = []
+    for x, y, quarter in corners:
+        turn = a + quarter * np.pi / 2
+        x, y = x - radius * (1 if quarter in (0, 3) else -1), y - radius * (1 if quarter in (0, 1) else -1)
+        parts.append(np.stack([x + radius * np.cos(turn), y + radius * np.sin(turn)], axis=1))
+    return np.concatenate(parts)
+
+
+def frame(low: tuple[float, float], high: tuple[float, float], wide: float, radius: float) -> Contours:
+    """A line inside a rounded rectangle."""
+    inner = block((low[0] + wide, low[1] + wide), (high[0] - wide, high[1] - wide), max(radius - wide, 0.001))
+    return [block(low, high, radius), inner[::-1]]
+
+
+def arrow(at: tuple[float, float], size: float, turn_deg: float) -> Contours:
+    """An arrow about a place that points to the right, turned counter-clockwise."""
+    half = np.array([(-1, 0.14), (0.35, 0.14), (-0.08, 0.62), (0.22, 0.86), (1.0, 0)])
+    outline = np.concatenate([half, half[-2::-1] * (1, -1)]) * size / 2
+    a = np.radians(turn_deg)
+    return [outline @ np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) + np.array(at)]
+
+
+def sign(layout: str, inks: tuple[float, float], random: np.random.Generator) -> list[Panel]:
+    """The panels of a sign: ``inks`` are the reflectances of ground and print."""
+    made = {"timetable": _timetable, "directions": _directions, "streets": _streets}[layout](inks, faces(), random)
+    return [panel._replace(picture=_weathered(panel, random)) for panel in made]
+
+
+def _timetable(inks: tuple[float, float], face: dict[str, Typeface], random: np.random.Generator) -> list[Panel]:
+    """Departures: a band with the title, a table, a foot line."""
+    ground, grey = inks
+    board, bold, plain = Board(SIGN_M, ground), face["sign_bold"], face["sign"]
+    board.fill([block((0, 0), (SIGN_M[0], 0.118))], grey)
+    board.write(bold, "Departures", (0.048, 0.083), cap=0.050, grey=ground)
+    board.fill(frame((0.80, 0.024), (0.918, 0.094), 0.005, 0.010), ground)
+    board.write(bold, "1–6", (0.859, 0.075), cap=0.032, grey=ground, align="centre")
+    for x, title in ((0.048, "Time"), (0.205, "To"), (0.700, "Platf."), (0.912, "Days")):
+        board.write(plain, title, (x, 0.146), cap=0.0125, grey=grey, align="right" if x > 0.9 else "left")
+    minute = 60 * int(random.integers(5, 19)) + int(random.integers(0, 40))
+    for row, town in enumerate(random.choice(PLACES, 8, replace=False)):
+        y = 0.196 + 0.0600 * row
+        board.fill([block((0.040, y + 0.0165), (0.920, y + 0.0165 + 0.0014))], grey)
+        board.write(bold, f"{minute // 60:02d}:{minute % 60:02d}", (0.048, y), cap=0.0265, grey=grey)
+        board.write(bold, str(town), (0.205, y), cap=0.0265, grey=grey, room=0.30)
+        if random.random() < 0.6:
+            width = bold.width(str(town), size=0.0265 / bold.cap_height)
+            note = str(random.choice(VIA))
+            board.write(plain, note, (0.222 + width, y), cap=0.0115, grey=grey, room=0.46 - width)
+        board.write(bold, str(int(random.integers(1, 7))), (0.735, y), cap=0.0265, grey=grey, align="centre")
+        days = str(random.choice(["daily", "Mo–Fr", "Mo–Sa", "Su"]))
+        board.write(plain, days, (0.912, y), cap=0.0175, grey=grey, align="right")
+        minute += int(random.integers(4, 27))
+    note = "Valid from 27 May. Times in grey boxes on public holidays only. Keep behind the line."
+    board.write(plain, note, (0.048, 0.674), cap=0.0100, grey=grey, room=0.86)
+    return [Panel((0, 0), SIGN_M, board.picture, _corners(SIGN_M, 0.022))]
+
+
+def _directions(inks: tuple[float, float], face: dict[str, Typeface], random: np.random.Generator) -> list[Panel]:
+    """A guide to the ways: arrow, badge, name and a small line, four times."""
+    ground, grey = inks
+    board, bold, plain = Board(SIGN_M, ground), face["sign_bold"], face["sign"]
+    board.fill(frame((0.010, 0.010), (SIGN_M[0] - 0.010, SIGN_M[1] - 0.010), 0.007, 0.03), grey)
+    for row, k in enumerate(random.choice(len(WAYS), 4, replace=False)):
+        badge, name, small = WAYS[k]
+        y = 0.100 + 0.167 * row
         right = bool(random.integers(2))
-        _write(picture, str(way), (0.05 if right else 0.17, y), 0.046, ink, pen=0.15)
-        _write(
-            picture,
-            f"{10 * int(random.integers(2, 40))} M",
-            (0.055 if right else 0.175, y + 0.048),
-            0.019,
-            ink,
-        )
-        _arrow(picture, (0.885 if right else 0.085, y), ink, right=right)
-        if row < 4:
-            _bar(picture, y + 0.069, ink, thick=0.003)
+        turn = float(random.choice([0.0, 45.0, 90.0])) if right else float(random.choice([180.0, 135.0]))
+        board.fill(arrow((0.870 if right else 0.090, y), 0.088, turn), grey)
+        left = 0.055 if right else 0.165
+        board.fill([block((left, y - 0.047), (left + 0.094, y + 0.047), 0.012)], grey)
+        board.write(bold, badge, (left + 0.047, y + 0.022), cap=0.045, grey=ground, align="centre", room=0.080)
+        board.write(bold, name, (left + 0.120, y + 0.010), cap=0.045, grey=grey, room=0.55)
+        board.write(plain, small, (left + 0.121, y + 0.044), cap=0.0175, grey=grey)
+        if row < 3:
+            board.fill([block((0.04, y + 0.0815), (0.92, y + 0.0840))], grey)
+    _honeycomb(board.picture)
+    return [Panel((0, 0), SIGN_M, board.picture, _corners(SIGN_M, 0.030))]
 
 
-def _streets(picture: np.ndarray, ink: float, random: np.random.Generator) -> None:
+def _streets(inks: tuple[float, float], face: dict[str, Typeface], random: np.random.Generator) -> list[Panel]:
+    """Three enamelled plates below each other, the middle one in reversed tones."""
+    panels = []
     for row, street in enumerate(random.choice(STREETS, 3, replace=False)):
-        top = 0.045 + 0.212 * row
-        low, high = round(top / TEXEL_M), round((top + 0.185) / TEXEL_M)
-        here = picture[low:high, round(0.035 / TEXEL_M) : -round(0.035 / TEXEL_M)]
-        if row % 2:
-            here[:] = ink
-        tone = float(picture[2, 2]) if row % 2 else ink
-        _frame(here, tone, inset=0.006, wide=0.003)
-        _write(here, str(street), (0.035, 0.075), 0.062 if len(street) < 12 else 0.052, tone, pen=0.16)
+        ground, grey = inks if row != 1 else inks[::-1]
+        size = (0.94, 0.200)
+        board = Board(size, ground)
+        board.fill(frame((0.010, 0.010), (size[0] - 0.010, size[1] - 0.010), 0.005, 0.020), grey)
+        board.write(face["sign_bold"], str(street), (0.47, 0.112), cap=0.068, grey=grey, align="centre", room=0.84)
         first, last, district = (int(random.integers(*span)) for span in ((1, 80), (81, 240), (2, 19)))
-        numbers = f"{first}-{last}   DISTRICT {district}"
-        _write(here, numbers, (0.035, 0.145), 0.024, tone)
+        numbers = f"{first} – {last}   ·   {district}th District"
+        board.write(face["sign"], numbers, (0.47, 0.162), cap=0.021, grey=grey, align="centre")
+        bolts = [(x, 0.0) for x in (-0.445, 0.445)]
+        panels.append(Panel((random.uniform(-0.008, 0.008), 0.236 - 0.236 * row), size, board.picture, bolts))
+    return panels
 
 
-def _write(
-    picture: np.ndarray, text: str, at: tuple[float, float], height: float, grey: float, *, pen: float = 0.14
-) -> None:
-    """Text with its left end and the middle of its capitals at a place (m from the left, from the top)."""
-    ink = word(text, height / TEXEL_M, pen=pen)
-    stamp(picture, ink, at[1] / TEXEL_M, at[0] / TEXEL_M + ink.shape[1] / 2, grey)
+def _corners(size: tuple[float, float], inset: float) -> list[tuple[float, float]]:
+    x, y = size[0] / 2 - inset, size[1] / 2 - inset
+    return [(a * x, b * y) for a in (-1, 1) for b in (-1, 1)]
 
 
-def _bar(picture: np.ndarray, y: float, grey: float, *, thick: float = 0.006) -> None:
-    row, rim = round(y / TEXEL_M), round(0.035 / TEXEL_M)
-    picture[row : row + max(round(thick / TEXEL_M), 1), rim:-rim] = grey
-
-
-def _arrow(picture: np.ndarray, at: tuple[float, float], grey: float, *, right: bool) -> None:
+def _honeycomb(picture: np.ndarray) -> None:
+    """Sealed cells of a retroreflecting sheet, 4.5 mm apart, as faint lines; in place."""
     y, x = np.ogrid[: picture.shape[0], : picture.shape[1]]
-    u, v = (x * TEXEL_M - at[0]) * (1 if right else -1), np.abs(y * TEXEL_M - at[1])
-    shaft = (np.abs(u + 0.005) < 0.033) & (v < 0.0055)
-    head = (np.abs(u + v - 0.034) < 0.0085) & (v < 0.030)
-    picture[shaft | head] = grey
+    k = 2 * np.pi * TEXEL_M / 0.0045
+    waves = sum(np.cos(k * (np.cos(a) * x + np.sin(a) * y)) for a in np.radians([0, 60, 120]))
+    picture *= 1 - 0.06 * np.clip((waves - 0.6) / 2.4, 0, 1).astype(np.float32)
 
 
-def _frame(picture: np.ndarray, grey: float, *, inset: float, wide: float) -> None:
-    rows, columns = picture.shape
-    y, x = np.ogrid[:rows, :columns]
-    off = np.minimum(np.minimum(y, rows - 1 - y), np.minimum(x, columns - 1 - x)) * TEXEL_M
-    picture[(off > inset) & (off < inset + wide)] = grey
-
-
-def _weathered(picture: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def _weathered(panel: Panel, random: np.random.Generator) -> np.ndarray:
+    """Rain streaks, grime below the edge and in corners, rust from bolts, chips of enamel, scratches."""
+    picture = panel.picture
     shape = picture.shape
-    runs = noise(shape, (3, shape[1] / 9), random)
-    worn = 1 + 0.04 * cloudy(shape, 8, 4, random) + 0.05 * np.clip(runs, -1, 0)
-    return np.clip(picture * worn, 0.025, 0.85).astype(np.float32)
+    y = (np.arange(shape[0])[:, None] + 0.5) * TEXEL_M
+    x = (np.arange(shape[1])[None, :] + 0.5) * TEXEL_M
+    runs = noise(shape, (2.2, shape[1] / 7), random) + 0.7 * noise(shape, (4, shape[1] / 22), random)
+    veil = 0.05 * cloudy(shape, 7, 5, random) - 0.085 * np.clip(runs, 0, 1.2)
+    edge = np.minimum(np.minimum(x, panel.size[0] - x), np.minimum(y, panel.size[1] - y))
+    veil -= 0.22 * np.exp(-edge / 0.006) + 0.10 * np.exp(-y / 0.03) * (0.6 + 0.5 * runs)
+    picture = picture * (1 + np.clip(veil, -0.5, 0.08)) + 0.012 * np.clip(cloudy(shape, 5, 4, random), 0, 1)
+    lumps = noise(shape, (shape[0] / 7, shape[1] / 7), random) + 0.7 * noise(
+        shape, (shape[0] / 3, shape[1] / 3), random
+    )
+    for bolt in panel.bolts:
+        bx, by = bolt[0] + panel.size[0] / 2, panel.size[1] / 2 - bolt[1]
+        off = np.hypot(x - bx, y - by)
+        drip = (y > by) * np.exp(-((x - bx - 0.002 * runs) ** 2) / 0.0035**2 - (y - by) / random.uniform(0.03, 0.14))
+        picture *= 1 - 0.42 * drip - 0.25 * np.exp(-((off / 0.011) ** 2))
+        chip = off + 0.004 * lumps < random.uniform(0.008, 0.0125)
+        picture = np.where(chip, 0.07 + 0.03 * lumps, picture)
+    for _ in range(int(random.integers(2, 6))):  # chips at the rim, each in a halo of rust
+        side, along, size = int(random.integers(4)), random.uniform(0.05, 0.95), random.uniform(0.004, 0.016)
+        bx, by = ((along, 0), (along, 1), (0, along), (1, along))[side]
+        off = np.hypot(x - bx * panel.size[0], y - by * panel.size[1]) + 0.005 * lumps
+        picture *= 1 - 0.4 * np.exp(-((off / (1.7 * size)) ** 2))
+        picture = np.where(off < size, 0.06 + 0.03 * lumps, picture)
+    scratches = np.abs(noise(shape, (shape[0] / 160, shape[1] / 60), random)) < 0.006
+    return np.clip(picture + 0.05 * scratches, 0.02, 0.82).astype(np.float32)
 
 
 def clock(time_min: float) -> np.ndarray:
-    """A station clock's face, 0.66 m: bars, bold quarters, hands at ``time_min`` minutes past twelve."""
-    n = 560
-    x, y = np.meshgrid((np.arange(n) + 0.5) / n * 2 - 1, 1 - (np.arange(n) + 0.5) / n * 2)
-    r, turn = np.hypot(x, y), np.arctan2(x, y) / (2 * np.pi)
-    grey = np.where(r < 0.93, 0.78, 0.06)
-    minute, hour = (
-        np.abs(np.mod(turn * 60 + 0.5, 1) - 0.5) / 60,
-        np.abs(np.mod(turn * 12 + 0.5, 1) - 0.5) / 12,
-    )
-    grey[(minute * 2 * np.pi * r < 0.012) & (r > 0.82) & (r < 0.9)] = 0.05
-    grey[(hour * 2 * np.pi * r < 0.032) & (r > 0.68) & (r < 0.9)] = 0.05
-    for angle, long, wide in ((time_min / 720, 0.55, 0.052), (time_min % 60 / 60, 0.84, 0.036)):
-        a = 2 * np.pi * angle
-        along, off = x * np.sin(a) + y * np.cos(a), np.abs(x * np.cos(a) - y * np.sin(a))
-        grey[(off < wide * (1.15 - 0.35 * along / long)) & (along > -0.2) & (along < long)] = 0.03
-    return grey.astype(np.float32)
+    """A station clock's face: bars, numerals, hands ``time_min`` minutes past twelve."""
+    board, face = Board((1.0, 1.0), 0.76, texel=1 / 640), faces()["sign_bold"]
+    middle = np.array([0.5, 0.5])
 
+    def bar(turn: float, low: float, high: float, wide: tuple[float, float]) -> np.ndarray:
+        a = 2 * np.pi * turn
+        out, side = np.array([np.sin(a), -np.cos(a)]), np.array([np.cos(a), np.sin(a)])
+        return middle + np.array(
+            [
+                low * out - wide[0] * side,
+                low * out + wide[0] * side,
+                high * out + wide[1] * side,
+                high * out - wide[1] * side,
+            ]
+        )
 
-def plate(random: np.random.Generator) -> np.ndarray:
-    """A car's number plate, 0.52 m × 0.11 m."""
-    grey = np.full((138, 650), 0.70, dtype=np.float32)
-    letters = "".join(random.choice(list("ABDEFHKLMNPRSTVXZ"), 4))
-    ink = word(
-        f"{letters[:2]} {int(random.integers(10, 99))} {letters[2:]}{int(random.integers(1, 9))}",
-        92,
-        pen=0.18,
-    )
-    stamp(grey, ink, 69, 345, 0.04)
-    grey[:, :46] = 0.09
-    grey[:5] = grey[-5:] = grey[:, -5:] = 0.04
-    return grey
+    board.fill([bar(k / 60, 0.445, 0.475, (0.0035, 0.0035)) for k in range(60) if k % 5], 0.06)
+    board.fill([bar(k / 12, 0.415, 0.475, (0.010, 0.010)) for k in range(12)], 0.05)
+    for hour in range(1, 13):
+        a = 2 * np.pi * hour / 12
+        at = 0.5 + 0.345 * np.sin(a), 0.5 - 0.345 * np.cos(a) + 0.036
+        board.write(face, str(hour), at, cap=0.072, grey=0.06, align="centre")
+    a = np.linspace(0, 2 * np.pi, 48, endpoint=False)[:, None]
+    hub = middle + 0.035 * np.concatenate([np.cos(a), np.sin(a)], axis=1)
+    for angle, long, wide in ((time_min / 720, 0.275, 0.022), (time_min % 60 / 60, 0.425, 0.014)):
+        hand = bar(angle, -0.09, long, (1.15 * wide, 0.7 * wide))
+        board.fill([hand + np.array([0.006, 0.010])], 0.52)  # its shadow
+        board.fill([hand], 0.035)
+    board.fill([hub], 0.035)
+    y, x = np.ogrid[:640, :640]
+    off = np.hypot(x - 319.5, y - 319.5) / 320
+    return (board.picture * (1 - 0.12 * np.clip(off - 0.6, 0, 1))).astype(np.float32)
 
 
 def poster(random: np.random.Generator) -> np.ndarray:
-    """A large printed bill of two lines under a picture of rings; 1.2 m × 1.7 m."""
-    grey = np.full((680, 480), float(random.uniform(0.3, 0.75)), dtype=np.float32)
-    y, x = np.ogrid[:680, :480]
-    cx, cy, pitch = random.uniform(150, 330), random.uniform(180, 260), random.uniform(28, 60)
-    rings = np.sin(np.hypot(x - cx, y - cy) / pitch * 2 * np.pi) > 0
-    grey[:440][rings[:440]] = float(random.uniform(0.06, 0.3))
-    text = str(random.choice(ADS)).split(" ", 1)
-    for row, part in enumerate(text):
-        ink = word(part, 66 if len(part) < 7 else 44, pen=0.17)
-        stamp(grey, ink, 510 + 95 * row, 240, 0.05)
-    return grey
+    """A printed bill, 0.84 m × 1.19 m: a flat landscape or sun, a title, a line of text."""
+    face = faces()
+    board = Board((0.84, 1.19), float(random.uniform(0.45, 0.72)), texel=0.0025)
+    title, line = ADS[int(random.integers(len(ADS)))]
+    shape = board.picture.shape
+    horizon = random.uniform(0.35, 0.6) + 0.12 * noise((shape[1], 2), (4, 1), random)[:, 0]
+    y = np.arange(shape[0])[:, None] / shape[0]
+    board.picture[:] = np.where(y > horizon, random.uniform(0.08, 0.2), board.picture)
+    nearer = horizon + 0.13 + 0.10 * noise((shape[1], 2), (6, 1), random)[:, 0]
+    board.picture[:] = np.where(y > nearer, random.uniform(0.2, 0.4), board.picture)
+    a = np.linspace(0, 2 * np.pi, 64, endpoint=False)[:, None]
+    sun = np.array([random.uniform(0.25, 0.6), 0.30]) + 0.11 * np.concatenate([np.cos(a), np.sin(a)], axis=1)
+    board.fill([sun], 0.75)
+    board.fill([block((0, 0.90), (0.84, 1.19))], 0.70)
+    board.write(face["condensed"], title.upper(), (0.42, 1.055), cap=0.105, grey=0.05, align="centre", room=0.76)
+    board.write(face["sign"], line, (0.42, 1.125), cap=0.030, grey=0.08, align="centre", room=0.76)
+    return np.clip(board.picture * (1 + 0.05 * cloudy(shape, 4, 4, random)), 0.03, 0.8).astype(np.float32)
 
 
-def brick(random: np.random.Generator) -> np.ndarray:
-    """A wall in stretcher bond, 2.4 m × 2.4 m a repeat."""
-    n = 960
-    y, x = np.mgrid[0:n, 0:n] / n * 2.4
-    row = np.floor(y / 0.075).astype(int)
-    along = x / 0.24 + 0.5 * (row % 2)
-    tone = random.uniform(0.14, 0.30, (33, 12))[row % 32, np.floor(along).astype(int) % 10]
-    joint = (np.mod(y, 0.075) < 0.011) | (np.mod(along, 1) * 0.24 < 0.011)
-    grey = np.where(joint, 0.36, tone) * (1 + 0.12 * noise((n, n), (n / 3, n / 3), random))
-    return np.clip(grey, 0.05, 0.6).astype(np.float32)
-
-
-def asphalt(random: np.random.Generator) -> np.ndarray:
-    """Grit, 4 m × 4 m a repeat."""
-    n = 800
-    grey = 0.10 * (1 + 0.5 * noise((n, n), (n / 2, n / 2), random) + 0.25 * cloudy((n, n), 9, 4, random))
-    return np.clip(grey, 0.03, 0.4).astype(np.float32)
+def fascia(random: np.random.Generator) -> np.ndarray:
+    """A painted board over a shop, 3.4 m × 0.46 m."""
+    names = ("STATION HOTEL", "CAFÉ TERMINUS", "MILL & HARROW", "FENWICK’S BAKERY", "THE RAILWAY ARMS")
+    board = Board((3.4, 0.46), 0.09, texel=0.004)
+    board.fill(frame((0.03, 0.03), (3.37, 0.43), 0.012, 0.03), 0.55)
+    text = str(random.choice(names))
+    board.write(faces()["condensed"], text, (1.7, 0.345), cap=0.23, grey=0.66, align="centre", room=3.0)
+    shape = board.picture.shape
+    return np.clip(board.picture * (1 + 0.08 * cloudy(shape, 9, 4, random)), 0.03, 0.8).astype(np.float32)

@@ -56,9 +56,7 @@ def grow(
         along = _unit(axis[min(k + 1, len(axis) - 1)] - axis[k - 1])
         out = _unit(_about(along, turn) * squeeze)
         way = _unit(0.75 * along + out - 0.15 * DOWN)
-        shoot = _winding(
-            axis[k], way, random.uniform(0.035, 0.13) * (1.15 - 0.6 * k / len(axis)), random, sag=0.2
-        )
+        shoot = _winding(axis[k], way, random.uniform(0.035, 0.13) * (1.15 - 0.6 * k / len(axis)), random, sag=0.2)
         shoot[:, 2] = axis[k, 2] + flat * (shoot[:, 2] - axis[k, 2])
         made.wood.append(tube(shoot, np.linspace(0.0022, 0.0011, len(shoot)), around=6, tone=0.16))
         _leafy(made, shoot, random, leaf_m=leaf_m, squeeze=squeeze)
@@ -87,14 +85,7 @@ def _winding(
     return np.array(points)
 
 
-def _leafy(
-    made: Branch,
-    shoot: np.ndarray,
-    random: np.random.Generator,
-    *,
-    leaf_m: float,
-    squeeze: np.ndarray,
-) -> None:
+def _leafy(made: Branch, shoot: np.ndarray, random: np.random.Generator, *, leaf_m: float, squeeze: np.ndarray) -> None:
     """Leaves in turn about a shoot, smaller to its tip, hanging a little, faces to the light."""
     turn = random.uniform(0, 2 * np.pi)
     for k in range(1, len(shoot), 2):

@@ -40,20 +40,12 @@ def blade(rows: int, columns: int, *, fold: float, curl: float, teeth: int = 0, 
     return Body(points.reshape(-1, 3), quads(rows, columns), uv.reshape(-1, 2))
 
 
-def grown(
-    places: np.ndarray, frames: np.ndarray, sizes: np.ndarray, random: np.random.Generator, *, fine: int
-) -> Body:
+def grown(places: np.ndarray, frames: np.ndarray, sizes: np.ndarray, random: np.random.Generator, *, fine: int) -> Body:
     """Leaves at these places, of a few shapes; ``fine``: 2 for the target, 1 around it, 0 far away."""
     rows, columns, teeth = ((4, 3, 0), (8, 5, 0), (43, 5, 14))[fine]
     shapes = [
         blade(rows, columns, fold=f, curl=c, teeth=teeth, wave=w)
-        for f, c, w in (
-            (0.25, 0.5, 0.3),
-            (0.45, 0.9, 0.6),
-            (0.10, 0.2, 0.8),
-            (0.35, 1.3, 0.2),
-            (0.2, -0.2, 0.5),
-        )
+        for f, c, w in ((0.25, 0.5, 0.3), (0.45, 0.9, 0.6), (0.10, 0.2, 0.8), (0.35, 1.3, 0.2), (0.2, -0.2, 0.5))
     ]
     which = random.integers(len(shapes), size=len(places))
     picture = random.integers(PICTURES, size=len(places))
@@ -78,13 +70,9 @@ def skin(random: np.random.Generator, contrast: float) -> np.ndarray:
         phase = (v - 0.95 * np.abs(x) - 0.5 * x**2) * 9 + 0.15 * (k % 3)
         vein = np.exp(-(((phase % 1) - 0.5) ** 2) / 0.004)
         cells = np.sin(70 * v + 31 * x + k) * np.sin(64 * x - 23 * v + 2 * k)
-        picture *= 1 + contrast * (
-            0.55 * vein + 0.14 * cells - 0.25 * np.exp(-((phase % 1 - 0.2) ** 2) / 0.02)
-        )
+        picture *= 1 + contrast * (0.55 * vein + 0.14 * cells - 0.25 * np.exp(-((phase % 1 - 0.2) ** 2) / 0.02))
         picture[np.abs(x) < 0.012 * (1.3 - v)] = 0.48
-        picture *= (
-            1 - contrast * 0.35 * np.clip(np.abs(x) / np.maximum(outline(v), 1e-3) - 0.86, 0, 0.14) / 0.14
-        )
+        picture *= 1 - contrast * 0.35 * np.clip(np.abs(x) / np.maximum(outline(v), 1e-3) - 0.86, 0, 0.14) / 0.14
         for _ in range(int(random.integers(2, 12))):  # rust and bites
             r = np.hypot(v - random.uniform(0.1, 0.9), (x - random.uniform(-0.25, 0.25)))
             picture[r < random.uniform(0.008, 0.035)] *= 1 - 0.7 * contrast

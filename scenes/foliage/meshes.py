@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 
@@ -24,9 +25,7 @@ def joined(bodies: list[Body]) -> Body:
     first = np.cumsum([0] + [len(b.vertices) for b in bodies])
     triangles = [b.triangles + start for b, start in zip(bodies, first[:-1], strict=True)]
     return Body(
-        np.concatenate([b.vertices for b in bodies]),
-        np.concatenate(triangles),
-        np.concatenate([b.uv for b in bodies]),
+        np.concatenate([b.vertices for b in bodies]), np.concatenate(triangles), np.concatenate([b.uv for b in bodies])
     )
 
 
@@ -73,9 +72,7 @@ def mesh(name: str, made: Body, bsdf: Any) -> mi.Mesh:
 def matte() -> Any:
     """Diffuse, loaded; its picture is a ramp whose value at u is u, so that coordinates carry tones."""
     ramp = np.broadcast_to((np.arange(64, dtype=np.float32) + 0.5) / 64, (2, 64))
-    return mi.load_dict(
-        {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture(np.array(ramp))}}
-    )
+    return mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": texture(np.array(ramp))}})
 
 
 def texture(picture: np.ndarray) -> dict[str, Any]:

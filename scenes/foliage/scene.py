@@ -44,9 +44,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
         places, frames, sizes = branch.leaf_arrays()
         fine = 2 if name == "target" else 1
         wood = list(branch.wood)
-        scene[f"{name}_leaves"] = mesh(
-            f"{name}_leaves", leaves.grown(places, frames, sizes, random, fine=fine), leaf
-        )
+        scene[f"{name}_leaves"] = mesh(f"{name}_leaves", leaves.grown(places, frames, sizes, random, fine=fine), leaf)
         if branch.flowers:
             petals, threads = flowers.blossoms(branch.flowers, random)
             scene[f"{name}_petals"] = mesh(f"{name}_petals", petals, white)
@@ -67,9 +65,7 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
         sway = {
             "axis": [float(lean[0]), float(lean[1]), 1.0],
             "centre_m": branch.foot.tolist(),
-            "keyframes": [
-                {"time_s": float(t), "rotate_deg": float(a)} for t, a in zip(times, angles, strict=True)
-            ],
+            "keyframes": [{"time_s": float(t), "rotate_deg": float(a)} for t, a in zip(times, angles, strict=True)],
         }
         words |= dict.fromkeys([f"{name}_{part}" for part in _parts(branch)], sway)
     return words
@@ -132,9 +128,7 @@ def _hedge(skyline: Callable[[np.ndarray], np.ndarray], random: np.random.Genera
     x = np.linspace(-2.6, 2.6, 105)
     top = skyline(x) - 0.15 + 0.06 * random.standard_normal(x.size)
     rows = np.stack([[_at(*where, 25.0) for where in zip(x, y, strict=True)] for y in (top - 6.0, top)])
-    uv = np.stack(
-        [np.broadcast_to(random.uniform(0.03, 0.09, x.size), rows.shape[:2]), 0.5 + 0 * rows[..., 0]], 2
-    )
+    uv = np.stack([np.broadcast_to(random.uniform(0.03, 0.09, x.size), rows.shape[:2]), 0.5 + 0 * rows[..., 0]], 2)
     return Body(rows.reshape(-1, 3), quads(*rows.shape[:2]), uv.reshape(-1, 2))
 
 
@@ -161,10 +155,7 @@ def _far_wood(random: np.random.Generator) -> Body:
         (1.5, 21.0, 0.1),
     ):
         path = np.array(
-            [
-                _at(x + 0.05 * k * random.uniform(-1, 1), y, depth)
-                for k, y in enumerate(np.linspace(-2.2, 2.2, 9))
-            ]
+            [_at(x + 0.05 * k * random.uniform(-1, 1), y, depth) for k, y in enumerate(np.linspace(-2.2, 2.2, 9))]
         )
         made.append(tube(path, np.linspace(thick, 0.6 * thick, 9), around=12, tone=0.12))
     return joined(made)

@@ -15,9 +15,7 @@ def turned_face(half_mm: float, tarnish: float, random: np.random.Generator) -> 
     shape = axis.size, axis.size
     radius = np.hypot(x, y)
     marks = random.uniform(-1, 1, axis.size).astype(np.float32)
-    rings = np.interp(radius.ravel() / (1.5 * half_mm) * axis.size, np.arange(axis.size), marks).reshape(
-        shape
-    )
+    rings = np.interp(radius.ravel() / (1.5 * half_mm) * axis.size, np.arange(axis.size), marks).reshape(shape)
     grey = 1 - 0.14 * (1 + rings) - 0.12 * (1 + cloudy(shape, half_mm, 4, random))
     stains = np.clip(cloudy(shape, 0.5 * half_mm, 5, random) - 0.25, 0, 1)
     grey *= 1 - tarnish * np.clip(1.4 * stains, 0, 0.75)
@@ -48,9 +46,7 @@ def pearled(width_mm: float, height_mm: float, random: np.random.Generator) -> n
         grey = np.where(r < 0.62 * step, spot, grey)
     grey = np.where(grey == 0, 0.6, grey)
     shape = grey.shape
-    grey *= (
-        1 + 0.12 * cloudy(shape, 14, 5, random) + 0.06 * noise(shape, (shape[0] / 2, shape[1] / 2), random)
-    )
+    grey *= 1 + 0.12 * cloudy(shape, 14, 5, random) + 0.06 * noise(shape, (shape[0] / 2, shape[1] / 2), random)
     return np.clip(grey, 0.05, 1).astype(np.float32)
 
 

@@ -92,9 +92,7 @@ def _frame(wheels: list[Wheel], params: dict[str, Any], random: np.random.Genera
     last = wheels[-1].centre
     away = last + 13.0 * np.array([np.cos(wheels[-1].phase), np.sin(wheels[-1].phase)])
     held = [screw(at, 1.7, float(random.uniform(0, 180))) for at in (last, away)]
-    over = [
-        placed(body, [0, 0, z]) for z, bodies in ((2.2, screws), (COCK_MM + 0.7, held)) for body in bodies
-    ]
+    over = [placed(body, [0, 0, z]) for z, bodies in ((2.2, screws), (COCK_MM + 0.7, held)) for body in bodies]
     bar = joined([cock(last, away, COCK_MM), *over])
     posts_body = [pillar(at, PLATE_MM, 1.0) for at in posts]
     arbors = [placed(box([-0.9, -0.9, PLATE_MM], [0.9, 0.9, -0.5]), [*wheel.centre, 0]) for wheel in wheels]

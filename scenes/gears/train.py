@@ -36,9 +36,7 @@ def train(module_mm: float, random: np.random.Generator) -> list[Wheel]:
     for k in range(1, len(teeth)):
         driver = wheels[drivers[k]]
         towards = float(np.arctan2(*(centres[k] - driver.centre)[::-1]))
-        tooth = (
-            driver.teeth * (driver.phase - towards) / (2 * np.pi)
-        )  # of the driver, in pitches along the tangent
+        tooth = driver.teeth * (driver.phase - towards) / (2 * np.pi)  # of the driver, in pitches along the tangent
         phase = towards + np.pi - 2 * np.pi / teeth[k] * (tooth + 0.5)  # a gap of this one lies there
         ratio = -driver.ratio * driver.teeth / teeth[k]
         wheels.append(Wheel(teeth[k], radii[k], centres[k], phase, ratio))
@@ -55,9 +53,7 @@ def _tree(radii: np.ndarray, random: np.random.Generator) -> tuple[list[np.ndarr
             angle = random.uniform(0, 2 * np.pi)
             away = radii[driver] + radii[k]
             at = centres[driver] + away * np.array([np.cos(angle), np.sin(angle)])
-            gaps = [
-                np.linalg.norm(at - c) - radii[k] - radii[n] for n, c in enumerate(centres) if n != driver
-            ]
+            gaps = [np.linalg.norm(at - c) - radii[k] - radii[n] for n, c in enumerate(centres) if n != driver]
             if np.all(np.abs(at) < FRAME_MM) and all(gap > GAP_MM for gap in gaps):
                 centres.append(at)
                 drivers.append(driver)
@@ -95,8 +91,5 @@ def outline(wheel: Wheel, *, inset_mm: float = 0.0) -> np.ndarray:
     points = np.stack([radius * np.cos(angle.ravel()), radius * np.sin(angle.ravel())], axis=1)
     if inset_mm:
         along = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-        points = (
-            points
-            + inset_mm * np.stack([-along[:, 1], along[:, 0]], 1) / np.linalg.norm(along, axis=1)[:, None]
-        )
+        points = points + inset_mm * np.stack([-along[:, 1], along[:, 0]], 1) / np.linalg.norm(along, axis=1)[:, None]
     return np.concatenate([points, points[:1]])

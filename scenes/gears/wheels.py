@@ -49,13 +49,7 @@ def _arm(turn: float, hub: float, inner: float, arms: int, thick_mm: float) -> B
     along = np.linspace(hub - 0.8, inner + 0.8, 24)
     share = np.linspace(-1, 1, 24)
     half = (0.75 + 0.28 * inner / arms * 0.5) * (0.55 + 0.45 * share**2)
-    sides = [
-        (-half, -thick_mm),
-        (-half, -BEVEL_MM),
-        (BEVEL_MM - half, 0.0),
-        (half - BEVEL_MM, 0.0),
-        (half, -BEVEL_MM),
-    ]
+    sides = [(-half, -thick_mm), (-half, -BEVEL_MM), (BEVEL_MM - half, 0.0), (half - BEVEL_MM, 0.0), (half, -BEVEL_MM)]
     rows = [np.stack([along, side, np.full(24, z)], axis=1) for side, z in [*sides, (half, -thick_mm)]]
     return placed(grid(np.stack(rows)), turn=turning([0, 0, 1], np.degrees(turn)))
 
@@ -120,9 +114,7 @@ def cock(start: np.ndarray, stop: np.ndarray, z: float) -> Body:
     right = np.stack([length - 3.4 * np.cos(a), -3.4 * np.sin(a)], axis=1)
     curve = np.concatenate([left, waist, right, [[length - x, -y] for x, y in waist], left[:1]])
     middle = np.stack([np.clip(curve[:, 0], 0, length), 0 * curve[:, 1]], axis=1)
-    inset = (
-        curve + 0.35 * (middle - curve) / np.maximum(np.linalg.norm(middle - curve, axis=1), 1e-9)[:, None]
-    )
+    inset = curve + 0.35 * (middle - curve) / np.maximum(np.linalg.norm(middle - curve, axis=1), 1e-9)[:, None]
     rings = [(middle, 0.0), (inset, 0.0), (curve, -0.35), (curve, -2.5)]
     made = _strip(rings)
     seen = made._replace(uv=made.vertices[:, :2] / 24.0 + [0.2, 0.5])

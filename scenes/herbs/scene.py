@@ -11,20 +11,14 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 import plants
-from letters import drawn, lines
 from solids import Body, ball, grid, joined, placed, turned, turning
+from stroke_font import drawn, lines
 from surfaces import cloudy, glossy, matte, mesh, noise, panel, texture, tones
 
 POT_R, POT_H, SOIL_Y = 0.044, 0.080, -0.010
 LABEL_M, LABEL_TEXEL_M = (0.013, 0.062), 0.00012
 # Other pots: x, z from the target's axis, size.
-OTHERS = (
-    (-0.125, 0.075, 0.85),
-    (0.135, -0.13, 1.1),
-    (-0.12, -0.21, 1.15),
-    (0.03, -0.36, 1.2),
-    (-0.30, -0.42, 1.2),
-)
+OTHERS = ((-0.125, 0.075, 0.85), (0.135, -0.13, 1.1), (-0.12, -0.21, 1.15), (0.03, -0.36, 1.2), (-0.30, -0.42, 1.2))
 WALL_Z, WINDOW_M, WINDOW_RADIANCE, ROOM_RADIANCE = -0.85, (1.0, 1.2), 2.2, 0.35  # from the axis; W m^-2 sr^-1
 
 
@@ -139,7 +133,4 @@ def _lights(at: np.ndarray, azimuth_deg: float) -> dict[str, Any]:
     azimuth = np.radians(azimuth_deg)
     away = np.array([1.05 * np.sin(azimuth), 0.55, 1.05 * np.cos(azimuth)])
     radiance = WINDOW_RADIANCE / (0.35 + 0.65 * float(np.cos(azimuth)))  # as bright from any side
-    return {
-        "window": panel(at + away, at, WINDOW_M, radiance),
-        "room": {"type": "constant", "radiance": ROOM_RADIANCE},
-    }
+    return {"window": panel(at + away, at, WINDOW_M, radiance), "room": {"type": "constant", "radiance": ROOM_RADIANCE}}

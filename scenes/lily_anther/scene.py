@@ -11,14 +11,15 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from anther import Anther
-from raster import SIZE_UM, View
-from saf_gen.render.meshes import make_mesh
+from anatomy import Anther
+from solids import grid
 from stain import layers
+from surfaces import mesh
+from view import SIZE_UM, View
 
 MM_PER_UM = 1e-3
 BELOW_UM = 5.0  # from the upper sheet to the lower
-SCATTERED = 0.2  # of the light from above, by unit absorbance
+SCATTERED, RETURNED = 0.2, 0.3  # of the light from above, by unit absorbance; of that, upwards
 GRID = (36, 50)  # quadrilaterals of a sheet
 
 LAMP_MM, LAMP_RADIUS_MM, LAMP_RADIANCE = -3.0, 6.0, 46.6  # opal glass; W m^-2 sr^-1
@@ -30,19 +31,19 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     random = np.random.default_rng([1753, int(params["seed"])])
     anther = Anther(random)
     view = View(np.radians(params["turn_deg"]), (params["offset_x_um"], params["offset_y_um"]))
-    upper, lower = (params["stain"] * a for a in layers(anther, view, params["grain_um"], random))
-    height = _relief(params, random)
+    upper, lower = (np.float32(params["stain"]) * a for a in layers(anther, view, params, random))
+    place = _relief(params, random)
     return {
         "type": "scene",
-        "section": _sheet("section", height, _stained(upper, SCATTERED)),
-        "section_below": _sheet("section_below", height - BELOW_UM, _stained(lower, 0.0)),
+        "section": _sheet("section", place, 0.0, _stained(upper, SCATTERED)),
+        "section_below": _sheet("section_below", place, BELOW_UM, _stained(lower, 0.0)),
         "lamp": _disc((0, 0, LAMP_MM), LAMP_RADIUS_MM, LAMP_RADIANCE),
         **_ring(),
     }
 
 
 def _relief(params: dict[str, Any], random: np.random.Generator) -> np.ndarray:
-    """Heights (µm) of the sheets' corners: tilted, and wavy as a section that was stretched on its slide."""
+    """Points (µm) of the upper sheet: tilted, and wavy as a section that was stretched on its slide."""
     y, x = (np.linspace(-0.5, 0.5, n + 1) * size for n, size in zip(GRID, SIZE_UM[::-1], strict=True))
     x, y = np.meshgrid(x, y)
     azimuth = random.uniform(0, 2 * np.pi)
@@ -51,7 +52,7 @@ def _relief(params: dict[str, Any], random: np.random.Generator) -> np.ndarray:
     for length, share in ((700.0, 0.6), (420.0, 0.3), (230.0, 0.15)):
         towards, phase = random.uniform(0, 2 * np.pi, 2)
         wave += share * np.sin(2 * np.pi / length * (np.cos(towards) * x + np.sin(towards) * y) + phase)
-    return params["height_um"] + slope + params["relief_um"] * wave
+    return np.stack([x, y, params["height_um"] + slope + params["relief_um"] * wave], axis=2)
 
 
 def _stained(absorbance: np.ndarray, scattered: float) -> dict[str, Any]:
@@ -64,7 +65,7 @@ def _stained(absorbance: np.ndarray, scattered: float) -> dict[str, Any]:
     if scattered == 0:
         return through
     share = _picture((scattered * absorbance).clip(0, 0.5))
-    back = {"type": "diffuse", "reflectance": 0.9}
+    back = {"type": "diffuse", "reflectance": RETURNED}
     return {"type": "blendbsdf", "weight": share, "through": through, "back": back}
 
 
@@ -72,6 +73,11 @@ def _picture(values: np.ndarray) -> dict[str, Any]:
     """Texture of shares 0...1; the first row lies at the bottom."""
     texels = np.ascontiguousarray(values, dtype=np.float32)
     return {"type": "bitmap", "bitmap": mi.Bitmap(texels), "raw": True, "wrap_mode": "clamp"}
+
+
+def _sheet(name: str, points_um: np.ndarray, below_um: float, bsdf: dict[str, Any]) -> mi.Mesh:
+    """A sheet through these points, so far below them, facing up."""
+    return mesh(name, grid((points_um - (0, 0, below_um)) * MM_PER_UM), bsdf, smooth=False)
 
 
 def _disc(at: tuple[float, float, float], radius: float, radiance: float) -> dict[str, Any]:
@@ -93,15 +99,3 @@ def _ring() -> dict[str, Any]:
         f"ring_{k}": _disc((float(x), float(y), RING_MM), PANEL_RADIUS_MM, RING_RADIANCE)
         for k, (x, y) in enumerate(places)
     }
-
-
-def _sheet(name: str, height_um: np.ndarray, bsdf: dict[str, Any]) -> mi.Mesh:
-    """A sheet of the section's size through these heights (µm), facing up."""
-    rows, columns = height_um.shape
-    v, u = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, columns), indexing="ij")
-    points = np.stack([(u - 0.5) * SIZE_UM[0], (v - 0.5) * SIZE_UM[1], height_um], -1).reshape(-1, 3)
-    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    above = first + columns
-    faces = [np.stack(half, 1) for half in ((first, first + 1, above + 1), (first, above + 1, above))]
-    uv = np.stack([u, v], -1)
-    return make_mesh(name, points * MM_PER_UM, faces=np.concatenate(faces), bsdf=bsdf, uv=uv)

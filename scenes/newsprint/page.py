@@ -1,143 +1,190 @@
-"""Printed pages as reflectances, float32 in 0..1, row 0 on top: screened pictures, headlines, small type."""
+"""The make-up of a newspaper page: masthead, headlines, a screened photograph, columns; as ink in 0..1."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any, NamedTuple
+
 import numpy as np
-from letters import word
-from surfaces import cloudy, noise
+from photograph import photograph
+from press import TEXEL_MM, enlarged, screened
+from stories import CAPTIONS, CREDIT, DATES, STORIES, TITLES
+from typeface import Contours, Line, Typeface, ink
 
-TEXEL_MM = 0.03  # a pixel sees 0.1 mm
-COLUMN_MM, GUTTER_MM, HEAD_MM = 13.0, 1.0, 3.4
-WORDS = """
-    THE A OF AND TO IN ON FOR AT BY FROM WITH AFTER UNDER NEAR HARBOUR COUNCIL BRIDGE RIVER MARKET TRAIN SHIP
-    STORM WINTER SPRING NIGHT MORNING NEW OLD LAST FIRST GREAT SMALL OPENS CLOSES RISES FALLS RETURNS WINS
-    LOSES BUILDS FINDS SEEKS KEEPS CITY TOWN SCHOOL TEAM CREW MAYOR DOCTOR PILOT BAKER FARMERS WORKERS PRICES
-    BREAD WHEAT COAL GLASS STEEL WOOL 1912 1926 1934 40 17 8 300
-"""
-HEADS = {
-    1: ("LIGHT", "STORM", "NIGHT", "RIVER"),
-    2: ("HARBOUR", "AT LAST", "RETURNS", "NEW LIGHT"),
-}  # by columns
+COLUMN_MM, GUTTER_MM = 38.0, 3.2
+PHOTO_MM = 26.5  # height of a picture of one column
+HERE = Path(__file__).parent
 
 
-def page(size_mm: tuple[float, float], params: dict[str, object], random: np.random.Generator) -> np.ndarray:
-    """A page (wide, high): columns of type, a picture with its headline among them, fibres."""
-    columns, rows = (round(n / TEXEL_MM) for n in size_mm)
-    ink = np.zeros((rows, columns), dtype=np.float32)
-    wide, gutter, head = (round(n / TEXEL_MM) for n in (COLUMN_MM, GUTTER_MM, HEAD_MM))
-    step, type_mm = wide + gutter, float(params["type_mm"])
-    across = int(params["picture_columns"])
-    starts = np.arange((columns // 2 - (across * step - gutter) // 2) % step - step, columns, step)
-    first = int(np.argmin(np.abs(starts + (across * step - gutter) / 2 - columns / 2)))
-    left, span = int(starts[first]), across * step - gutter
-    high = round(float(random.uniform(13.0, 15.5)) / TEXEL_MM)
-    top = (rows - high - head) // 2 + round(float(random.uniform(-2, 2)) / TEXEL_MM)
-    foot = top + high + head + 3 * gutter
-    for k, start in enumerate(starts):
-        taken = first <= k < first + across
-        spans = ((0, top - gutter), (foot, rows)) if taken else ((0, rows),)
-        for low, end in spans:  # a column may be cut by the edge
-            type_ = np.zeros((end - low, wide), dtype=np.float32)
-            _set_type(type_, type_mm, random)
-            cut = type_[:, max(-start, 0) :]
-            ink[low:end, max(start, 0) : start + wide] = cut[:, : columns - max(start, 0)]
-    grey = scenery(str(params["motif"]), high, span, random)
-    screen = screened(grey, float(params["dots_per_mm"]), float(params["screen_deg"]))
-    ink[top : top + high, left : left + span] = screen
-    line = word(str(random.choice(HEADS[across])), head, pen=0.17, contrast=2.4)[:, :span]
-    _lay(ink, line, (foot - head - gutter, left))
-    ink *= 0.93 + 0.07 * noise(ink.shape, (rows / 3, columns / 3), random)  # it takes unevenly
-    paper = float(params["paper"]) * (1 + 0.035 * cloudy(ink.shape, 60, 4, random))
-    paper *= 1 - 0.05 * np.roll(ink[:, ::-1], 40, axis=0)  # the other side shows through
-    fibres = noise(ink.shape, (rows / 2.5, columns / 9), random) > 0.8
-    paper *= 1 - 0.07 * fibres
-    return np.clip(paper + ink * (float(params["ink"]) - paper), 0.02, 0.8).astype(np.float32)
+class Faces(NamedTuple):
+    """The typefaces of the paper."""
+
+    text: Typeface
+    bold: Typeface
+    head: Typeface
 
 
-def screened(grey: np.ndarray, dots_per_mm: float, angle_deg: float) -> np.ndarray:
-    """Ink of a picture of tones (0 dark, 1 bright) as round dots on a square screen, which meet half way."""
-    y, x = np.ogrid[0 : grey.shape[0], 0 : grey.shape[1]]
-    a, k = np.radians(angle_deg), 2 * np.pi * dots_per_mm * TEXEL_MM
-    u, v = k * (np.cos(a) * x + np.sin(a) * y), k * (np.cos(a) * y - np.sin(a) * x)
-    spot = (np.cos(u) + np.cos(v)).astype(np.float32) / 2  # -1..1; its distribution is symmetric about 0
-    share = 0.5 + 0.5 * np.sign(spot) * (1 - (1 - np.abs(spot)) ** 1.4)  # about even over 0..1
-    return np.clip((share - np.clip(grey, 0.06, 0.94)) * 3.5 / k + 0.5, 0, 1)
+class Block(NamedTuple):
+    """What stands in a column, from its top: contours, and how high it is with the room below, mm."""
+
+    contours: Contours
+    height: float
 
 
-def scenery(motif: str, rows: int, columns: int, random: np.random.Generator) -> np.ndarray:
-    """Tones of a photograph: sky and water with a lighthouse, a steamer, balloons or a bridge."""
-    y, x = np.mgrid[0:rows, 0:columns].astype(np.float32)
-    y, x = y / rows, x / rows  # heights of the picture
-    wide = columns / rows
-    clouds = cloudy((rows, columns), 5, 6, random)
-    grey = 0.78 - 0.35 * (0.6 - y) + 0.28 * np.clip(clouds, -0.3, 1)
-    sea = y > 0.68
-    ripples = noise((rows, columns), (90, 24), random) + noise((rows, columns), (45, 9), random)
-    grey = np.where(sea, 0.34 + 0.25 * np.clip(ripples, 0, 1) * (0.5 + y), grey)
-    hills = 0.66 - 0.06 * np.abs(noise((rows, columns), (0.1, 5), random)[0]) - 0.03 * np.sin(3 * x[0])
-    grey = np.where((y > hills) & ~sea, 0.42 + 0.1 * clouds, grey)
-    at = float(random.uniform(0.35, 0.65)) * wide
-    if motif == "lighthouse":
-        rock = y > 0.6 + 0.9 * (x - at) ** 2 + 0.05 * clouds
-        grey = np.where(rock & (y < 0.86), 0.16 + 0.2 * np.clip(clouds, 0, 1), grey)
-        half = 0.045 + 0.05 * (y - 0.2)
-        tower = (np.abs(x - at) < half) & (y > 0.2) & (y < 0.64)
-        bands = np.where(np.mod(y, 0.16) < 0.08, 0.92, 0.2)
-        grey = np.where(tower, bands * (1 - 0.5 * np.clip((x - at) / half, -0.4, 1)), grey)
-        grey[(np.abs(x - at) < 0.035) & (y > 0.11) & (y < 0.2)] = 0.95
-        grey[(np.abs(x - at) < 0.05 - (0.12 - y)) & (y > 0.07) & (y < 0.12)] = 0.08
-    elif motif == "steamer":
-        hull = (np.abs(x - at) < 0.46 - 0.5 * (y - 0.6)) & (y > 0.6) & (y < 0.75)
-        grey[hull] = 0.1
-        grey[(np.abs(x - at) < 0.3) & (y > 0.52) & (y < 0.6)] = 0.85
-        grey[(np.abs(x - at) < 0.3) & (np.mod(x, 0.05) < 0.02) & (y > 0.55) & (y < 0.575)] = 0.1
-        for k in (-0.12, 0.06):
-            grey[(np.abs(x - at - k) < 0.035) & (y > 0.34) & (y < 0.52)] = 0.14
-            plume = ((x - at - k - 0.9 * (0.34 - y)) / (0.05 + 0.3 * (0.34 - y))) ** 2 < 1
-            grey = np.where(plume & (y < 0.34), np.clip(0.3 + 0.3 * clouds, 0.1, 0.6), grey)
-    elif motif == "balloons":
-        for _ in range(4):
-            cx, cy, r = (
-                random.uniform(0.15, wide - 0.15),
-                random.uniform(0.15, 0.5),
-                random.uniform(0.08, 0.17),
+class Page:
+    """Ink on a page of a width and height in mm; what is beyond is cut."""
+
+    def __init__(self, size_mm: tuple[float, float], params: dict[str, Any], random: np.random.Generator) -> None:
+        self.size, self.params, self.random = size_mm, params, random
+        self.faces = Faces(*(Typeface(HERE / f"{name}.npz") for name in ("old", "old_bold", "condensed")))
+        self.type = float(params["type_mm"])
+        self.leading = 1.13 * self.type
+        self.contours: Contours = []
+        self.stories = list(random.permutation(len(STORIES)))
+        self.waiting: list[Line] = []  # what is left of a story for the next column
+
+    def columns(self, first: float, top: float, *, taken: tuple[int, float] | None = None) -> None:
+        """Fill columns to the foot of the page; one has its left edge at ``first``, all begin at ``top``.
+
+        taken : a column and the height from which on it is filled instead, below a picture.
+        """
+        step = COLUMN_MM + GUTTER_MM
+        start = -int(np.ceil(first / step))
+        for k in range(start, int((self.size[0] - first) / step) + 1):
+            x = first + k * step
+            self._fill(x, taken[1] if taken is not None and k == taken[0] else top)
+            self.contours.append(_bar(x - GUTTER_MM / 2 - 0.06, top, 0.12, self.size[1] - top))
+
+    def _fill(self, x: float, top: float) -> None:
+        y = top + self.leading
+        while y < self.size[1] + self.leading:
+            if not self.waiting:
+                number = int(self.stories.pop(0)) if self.stories else int(self.random.integers(len(STORIES)))
+                block = self.head(number, (x, y - self.leading), COLUMN_MM)
+                self.contours += block.contours
+                y += block.height
+                for paragraph in STORIES[number][2]:
+                    self.waiting += self.faces.text.paragraph(
+                        paragraph, size=self.type, measure=COLUMN_MM, indent=1.3 * self.type
+                    )
+            room = max(int((self.size[1] - y) / self.leading) + 2, 0)
+            here, self.waiting = self.waiting[:room], self.waiting[room:]
+            self.contours += self.faces.text.column(
+                here, (x, y), size=self.type, measure=COLUMN_MM, leading=self.leading
             )
-            off = np.hypot(x - cx, (y - cy) * 0.9) / r
-            gores = np.where(np.mod(np.arcsin(np.clip((x - cx) / r, -1, 1)) * 3, 1) < 0.5, 0.85, 0.25)
-            grey = np.where(off < 1, gores * (1 - 0.6 * np.clip((x - cx + y - cy) / r, -0.2, 1)), grey)
-            grey[(np.abs(x - cx) < 0.18 * r) & (np.abs(y - cy - 1.75 * r) < 0.13 * r)] = 0.12
-    else:
-        off = np.abs(np.mod(x - at + 0.5, 1.0) - 0.5)  # from the nearest pier
-        deck, pier = np.abs(y - 0.56) < 0.014, (off < 0.03) & (y > 0.16) & (y < 0.76)
-        sag = 0.2 + 0.33 * (1 - (1 - 2 * off) ** 2)
-        chain, stays = np.abs(y - sag) < 0.008, (np.mod(x, 0.05) < 0.008) & (y > sag) & (y < 0.56)
-        grey = np.where(deck | chain | stays | pier, 0.1 + 0.15 * np.clip(clouds, 0, 1), grey)
-    grain = noise((rows, columns), (rows / 6, columns / 6), random)
-    return (grey + 0.05 * grain).astype(np.float32)
+            y += len(here) * self.leading
+            if here and not self.waiting:
+                self.contours.append(_bar(x + 0.3 * COLUMN_MM, y - 0.2 * self.leading, 0.4 * COLUMN_MM, 0.14))
+                y += 1.4 * self.leading
+
+    def head(self, number: int, at: tuple[float, float], measure: float) -> Block:
+        """The headline of a story and its second line over a measure, centred, with a short rule below."""
+        title, second, _ = STORIES[number]
+        face = self.faces.head
+        size = min(2.05 * self.type * (measure / COLUMN_MM) ** 0.8, 8.5)
+        y = at[1] + 1.02 * size
+        made: Contours = []
+        lines = face.paragraph(title, size=size, measure=measure)
+        made += face.column(lines, (at[0], y), size=size, measure=measure, leading=1.16 * size, align="centre")
+        y += (len(lines) - 1) * 1.16 * size + 1.75 * self.type
+        lines = self.faces.bold.paragraph(second, size=1.12 * self.type, measure=0.94 * measure)
+        made += self.faces.bold.column(
+            lines, (at[0] + 0.03 * measure, y), size=1.12 * self.type, measure=0.94 * measure,
+            leading=1.25 * self.type, align="centre",
+        )  # fmt: skip
+        y += (len(lines) - 1) * 1.25 * self.type + 0.9 * self.type
+        made.append(_bar(at[0] + 0.36 * measure, y, 0.28 * measure, 0.16))
+        return Block(made, y - at[1] + 0.9 * self.type)
+
+    def masthead(self, at: tuple[float, float], measure: float) -> float:
+        """The title of the paper between rules, with the date; returns the height below it."""
+        title, date = str(self.random.choice(TITLES)), str(self.random.choice(DATES))
+        size = 0.92 * measure / self.faces.bold.width(title, size=1.0)
+        y = at[1] + 0.86 * size
+        self.contours += self.faces.bold.line(title, (at[0] + measure / 2, y), size=size, align="centre")
+        y += 0.34 * size
+        small = 1.02 * self.type
+        self.contours += [_bar(at[0], y, measure, 0.5), _bar(at[0], y + 0.8, measure, 0.14)]
+        base = y + 1.6 + small
+        number = f"No. {int(self.random.integers(4000, 19000)):,}"
+        self.contours += self.faces.text.line(number, (at[0], base), size=small)
+        self.contours += self.faces.bold.line(date, (at[0] + measure / 2, base), size=small, align="centre")
+        self.contours += self.faces.text.line("PRICE ONE PENNY", (at[0] + measure, base), size=small, align="right")
+        self.contours.append(_bar(at[0], base + 0.55 * small, measure, 0.14))
+        return base + 1.2 * small
+
+    def caption(self, at: tuple[float, float], measure: float) -> float:
+        """The line under a picture; returns the height below it."""
+        text, size = f"{CAPTIONS[str(self.params['motif'])]}", 0.93 * self.type
+        lines = self.faces.bold.paragraph(text, size=size, measure=measure)
+        y = at[1] + 1.25 * size
+        self.contours += self.faces.bold.column(
+            lines, (at[0], y), size=size, measure=measure, leading=1.16 * size, align="left"
+        )
+        self.contours += self.faces.text.line(
+            CREDIT, (at[0] + measure, y + len(lines) * 1.16 * size), size=0.8 * size, align="right"
+        )
+        bottom = y + (len(lines) + 0.6) * 1.16 * size
+        self.contours.append(_bar(at[0], bottom, measure, 0.14))
+        return bottom + 0.3 * self.leading
+
+    def cover(self) -> np.ndarray:
+        """All type and rules as ink."""
+        shape = round(self.size[1] / TEXEL_MM), round(self.size[0] / TEXEL_MM)
+        return ink(self.contours, shape, scale=1 / TEXEL_MM)
 
 
-def _set_type(ink: np.ndarray, height_mm: float, random: np.random.Generator) -> None:
-    """Lines of small capitals, a word after the other, set to the measure; in place."""
-    height = height_mm / TEXEL_MM
-    kept: dict[str, np.ndarray] = {}
-    words = WORDS.split()
-    for top in np.arange(0, ink.shape[0] - 2 * height, 1.75 * height):
-        line, left = [], 0
-        while True:
-            text = str(random.choice(words))
-            cut = kept.setdefault(text, word(text, height, pen=0.15, contrast=1.3))
-            if left + cut.shape[1] > ink.shape[1]:
-                break
-            line.append(cut)
-            left += cut.shape[1] + round(0.5 * height)
-        spare = (ink.shape[1] - left + 0.5 * height) / max(len(line) - 1, 1)
-        at = 0.0
-        for cut in line:
-            _lay(ink, cut, (int(top), int(at)))
-            at += cut.shape[1] + 0.5 * height + min(spare, 2 * height)
+def page_ink(
+    size_mm: tuple[float, float], params: dict[str, Any], random: np.random.Generator, *, detail: int
+) -> np.ndarray:
+    """Ink of a page, float32 (row, col) in 0..1; the layout's subject is in its middle.
+
+    detail : columns of the photograph before it is screened.
+    """
+    page = Page(size_mm, params, random)
+    middle = np.array(size_mm) / 2 + random.uniform(-2.5, 2.5, 2)
+    step = COLUMN_MM + GUTTER_MM
+    layout = str(params["layout"])
+    side = int(random.integers(2))  # the subject is in the left or the right of two columns
+    left = middle[0] - (COLUMN_MM / 2 + step * side)
+    if layout == "story":
+        number = page.stories.pop(0)
+        block = page.head(int(number), (left, middle[1] - 15), 2 * COLUMN_MM + GUTTER_MM)
+        for paragraph in STORIES[number][2]:
+            page.waiting += page.faces.text.paragraph(
+                paragraph, size=page.type, measure=COLUMN_MM, indent=1.3 * page.type
+            )
+        page.contours += block.contours
+        page.columns(left, middle[1] - 15 + block.height)
+        return page.cover()
+    top = middle[1] - 0.55 * PHOTO_MM
+    if layout == "front":
+        top = page.masthead((left, middle[1] - 17), 2 * COLUMN_MM + GUTTER_MM) + 1.5
+    elif layout == "picture":
+        number = page.stories.pop(0)
+        room = page.head(int(number), (0, 0), COLUMN_MM).height
+        page.contours += page.head(int(number), (left + step * side, top - room), COLUMN_MM).contours
+    bottom = page.caption((left + step * side, top + PHOTO_MM), COLUMN_MM)
+    page.columns(left, top if layout == "front" else top - 60, taken=(side, bottom))
+    cover = page.cover()
+    _print_photograph(cover, (left + step * side, top), params, random, detail=detail)
+    return cover
 
 
-def _lay(ink: np.ndarray, cut: np.ndarray, at: tuple[int, int]) -> None:
-    """Print a word with its upper left corner at a place (row, column), as far as there is room."""
-    here = ink[at[0] :, at[1] :][: cut.shape[0], : cut.shape[1]]
-    here[:] = cut[: here.shape[0], : here.shape[1]]
+def _print_photograph(
+    cover: np.ndarray, at: tuple[float, float], params: dict[str, Any], random: np.random.Generator, *, detail: int
+) -> None:
+    """A screened photograph with its upper left corner at a place (mm), and a thin edge; in place."""
+    shape = round(PHOTO_MM / TEXEL_MM), round(COLUMN_MM / TEXEL_MM)
+    grey = photograph(str(params["motif"]), (round(detail * PHOTO_MM / COLUMN_MM), detail), random)
+    screen = screened(
+        enlarged(grey, shape), dots_per_mm=float(params["dots_per_mm"]), angle_deg=float(params["screen_deg"])
+    )
+    screen[:3] = screen[-3:] = screen[:, :3] = screen[:, -3:] = 0.9
+    row, column = round(at[1] / TEXEL_MM), round(at[0] / TEXEL_MM)
+    here = cover[max(row, 0) : row + shape[0], max(column, 0) : column + shape[1]]
+    here[:] = screen[max(-row, 0) :, max(-column, 0) :][: here.shape[0], : here.shape[1]]
+
+
+def _bar(x: float, y: float, wide: float, high: float) -> np.ndarray:
+    return np.array([[x, y], [x, y + high], [x + wide, y + high], [x + wide, y]])

@@ -7,6 +7,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
@@ -36,9 +37,7 @@ def joined(bodies: list[Body]) -> Body:
     first = np.cumsum([0] + [len(b.vertices) for b in bodies])
     triangles = [b.triangles + start for b, start in zip(bodies, first[:-1], strict=True)]
     return Body(
-        np.concatenate([b.vertices for b in bodies]),
-        np.concatenate(triangles),
-        np.concatenate([b.uv for b in bodies]),
+        np.concatenate([b.vertices for b in bodies]), np.concatenate(triangles), np.concatenate([b.uv for b in bodies])
     )
 
 

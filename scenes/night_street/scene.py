@@ -43,9 +43,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
         "cars": mesh("cars", joined([traffic.body(car) for car in cars]), lacquer),
     }
     for side, wall in zip(("right", "left"), street.walls(), strict=True):
-        scene[f"wall_{side}"] = mesh(
-            f"wall_{side}", wall, street.plaster(random, float(random.uniform(0.15, 0.4)))
-        )
+        scene[f"wall_{side}"] = mesh(f"wall_{side}", wall, street.plaster(random, float(random.uniform(0.15, 0.4))))
     for car in cars:
         scene |= traffic.car_lamps(car, HEADLAMP, TAILLAMP)
     return scene

@@ -25,9 +25,7 @@ def picture(random: np.random.Generator, contrast: float) -> np.ndarray:
     dark, light = (0.10, 0.62) if random.random() < 0.5 else (0.62, 0.08)
     art = np.full((rows, columns), dark, dtype=np.float64)
     centre = y - 0.030
-    rays = (np.sin(19 * np.arctan2(centre, x + 0 * y) + random.uniform(0, 6)) > 0) & (
-        np.hypot(x, centre) > 0.06
-    )
+    rays = (np.sin(19 * np.arctan2(centre, x + 0 * y) + random.uniform(0, 6)) > 0) & (np.hypot(x, centre) > 0.06)
     art[rays & (centre > -0.085)] *= 1.35 if dark < 0.5 else 0.8
     emblem, text = ((_bird, "THE WREN"), (_ship, "THE SHIP"), (_star, "THE STAR"))[int(random.integers(3))]
     art[emblem(x, centre)] = light
@@ -35,15 +33,11 @@ def picture(random: np.random.Generator, contrast: float) -> np.ndarray:
         art[np.abs(centre + low - 0.004 * np.sin(2 * np.pi * x / 0.029 + 90 * low)) < 0.0022] = light
     _name(art, x, y, text, light)
     rim = np.maximum(np.abs(x) / WIDE_M, np.abs(y) / HIGH_M + 0 * x)
-    rope = (
-        np.sin(2 * np.pi * (np.where(np.abs(y) / HIGH_M > np.abs(x) / WIDE_M, x, y) - 0.6 * rim) / 0.0075) > 0
-    )
+    rope = np.sin(2 * np.pi * (np.where(np.abs(y) / HIGH_M > np.abs(x) / WIDE_M, x, y) - 0.6 * rim) / 0.0075) > 0
     art[(rim > 0.440) & (rim < 0.472) & rope] = light
     art[rim > 0.482] = 0.05
     grain = random.standard_normal((rows, columns))
-    streaks = np.repeat(np.cumsum(random.standard_normal((6, columns)), axis=1) / 12, -(-rows // 6), axis=0)[
-        :rows
-    ]
+    streaks = np.repeat(np.cumsum(random.standard_normal((6, columns)), axis=1) / 12, -(-rows // 6), axis=0)[:rows]
     art *= 1 + contrast * (0.10 * grain + 0.12 * np.tanh(streaks))
     for _ in range(int(60 * contrast)):  # cracks in the paint, mostly along the boards
         steps = int(random.integers(15, 120))
@@ -161,9 +155,7 @@ def lamps(middle: np.ndarray, turn_deg: float, radiance: float) -> dict[str, Any
     turn = mi.ScalarTransform4f().translate(middle.tolist()).rotate([0, 1, 0], turn_deg)
     made = {}
     for number, (x, y, z) in enumerate(LAMP_AT):
-        pose = turn @ mi.ScalarTransform4f().look_at(
-            origin=[x, y, z], target=[0.5 * x, -0.05, 0.0], up=[1, 0, 0]
-        )
+        pose = turn @ mi.ScalarTransform4f().look_at(origin=[x, y, z], target=[0.5 * x, -0.05, 0.0], up=[1, 0, 0])
         made[f"sign_lamp_{number}"] = {
             "type": "disk",
             "to_world": pose @ mi.ScalarTransform4f().scale(LAMP_M),

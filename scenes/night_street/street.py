@@ -97,9 +97,7 @@ def fixtures(random: np.random.Generator) -> list[Body]:
         made.append(turned(outline, (RIGHT_KERB + 0.35, KERB, z), tone=0.06))
     for x, face in ((RIGHT_WALL, -1), (LEFT_WALL, 1)):
         for z in np.arange(-8.0, END_Z, -6.0):
-            made.append(
-                box((x - 0.08, 0, z - 0.25), (x + 0.08, 3.3, z + 0.25), float(random.uniform(0.08, 0.4)))
-            )
+            made.append(box((x - 0.08, 0, z - 0.25), (x + 0.08, 3.3, z + 0.25), float(random.uniform(0.08, 0.4))))
             made.append(box((x - 0.12, 3.25, z - 6.0), (x + 0.12, 3.45, z), float(random.uniform(0.15, 0.4))))
             if random.random() < 0.4:
                 tone = float(random.uniform(0.08, 0.35))
@@ -124,24 +122,16 @@ def fixtures(random: np.random.Generator) -> list[Body]:
                 )
             for storey in (4.2, 7.2):
                 for at in (z - 1.7, z - 4.2):
-                    made.append(
-                        box((x - 0.05, storey, at - 0.55), (x + 0.03 * face, storey + 1.7, at + 0.55), 0.03)
-                    )
-                    made.append(
-                        box((x - 0.1, storey - 0.1, at - 0.65), (x + 0.12 * face, storey, at + 0.65), 0.3)
-                    )
+                    made.append(box((x - 0.05, storey, at - 0.55), (x + 0.03 * face, storey + 1.7, at + 0.55), 0.03))
+                    made.append(box((x - 0.1, storey - 0.1, at - 0.65), (x + 0.12 * face, storey, at + 0.65), 0.3))
     return made
 
 
 def walls() -> list[Body]:
     """The fronts of both rows, and the house across the end, with metres as coordinates."""
     top = 10.5
-    right = quad(
-        (RIGHT_WALL, 0, NEAR_Z), (RIGHT_WALL, 0, END_Z), (RIGHT_WALL, top, END_Z), (RIGHT_WALL, top, NEAR_Z)
-    )
-    left = quad(
-        (LEFT_WALL, 0, END_Z), (LEFT_WALL, 0, NEAR_Z), (LEFT_WALL, top, NEAR_Z), (LEFT_WALL, top, END_Z)
-    )
+    right = quad((RIGHT_WALL, 0, NEAR_Z), (RIGHT_WALL, 0, END_Z), (RIGHT_WALL, top, END_Z), (RIGHT_WALL, top, NEAR_Z))
+    left = quad((LEFT_WALL, 0, END_Z), (LEFT_WALL, 0, NEAR_Z), (LEFT_WALL, top, NEAR_Z), (LEFT_WALL, top, END_Z))
     return [right, left]
 
 
@@ -170,9 +160,7 @@ def lamp_posts(places: list[tuple[float, float]], high: float) -> list[Body]:
             (0.06, high - 0.14),
         ]
         made.append(turned(outline, (x, KERB, z), tone=0.05))
-        made.append(
-            turned([(0.10, high + 0.14), (0.05, high + 0.22), (0, high + 0.25)], (x, KERB, z), tone=0.05)
-        )
+        made.append(turned([(0.10, high + 0.14), (0.05, high + 0.22), (0, high + 0.25)], (x, KERB, z), tone=0.05))
     return made
 
 

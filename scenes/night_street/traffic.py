@@ -56,16 +56,7 @@ def body(car: Car) -> Body:
     shoulder = np.minimum(BELT, top - 0.05)
     z = np.stack([0.85 * wide, wide, wide, 0.97 * wide, wide * (0.92 - 0.16 * house), 0.5 * wide, 0 * x], 1)
     y = np.stack(
-        [
-            0 * x + 0.2,
-            0 * x + 0.27,
-            0.5 * (0.27 + shoulder),
-            shoulder,
-            top - 0.05 * (1 + house),
-            top - 0.008,
-            top,
-        ],
-        1,
+        [0 * x + 0.2, 0 * x + 0.27, 0.5 * (0.27 + shoulder), shoulder, top - 0.05 * (1 + house), top - 0.008, top], 1
     )
     left = np.stack([np.broadcast_to(x[:, None], z.shape), y, z], axis=2)
     ring = np.concatenate([left, left[:, -2::-1] * [1, 1, -1], left[:, :1]], axis=1)
@@ -81,9 +72,7 @@ def body(car: Car) -> Body:
     dark[:, 0] = 0.02
     count = len(made.vertices)
     shell = Body(
-        np.tile(made.vertices, (2, 1)),
-        made.triangles + count * glass[:, None],
-        np.concatenate([made.uv, dark]),
+        np.tile(made.vertices, (2, 1)), made.triangles + count * glass[:, None], np.concatenate([made.uv, dark])
     )
     return joined([shell, *_fittings(half)]).moved((car.x, 0.0, car.z), car.heading_deg)
 
@@ -95,22 +84,15 @@ def _fittings(half: float) -> list[Body]:
         for side in (-1, 1):
             rim = np.linspace(0, 2 * np.pi, 25)
             rings = [(0.0, 0.3), (0.20, 0.3), (0.205, 0.04), (0.31, 0.04)]
-            face = np.array(
-                [[(x + r * np.cos(a), 0.31 + r * np.sin(a), side * 0.90) for a in rim] for r, _ in rings]
-            )
+            face = np.array([[(x + r * np.cos(a), 0.31 + r * np.sin(a), side * 0.90) for a in rim] for r, _ in rings])
             made.append(grid(face, tone=[tone for _, tone in rings]))
             tread = np.array(
-                [
-                    [(x + 0.31 * np.cos(a), 0.31 + 0.31 * np.sin(a), z) for a in rim]
-                    for z in (side * 0.9, side * 0.7)
-                ]
+                [[(x + 0.31 * np.cos(a), 0.31 + 0.31 * np.sin(a), z) for a in rim] for z in (side * 0.9, side * 0.7)]
             )
             made.append(grid(tread, tone=0.03))
     made.append(box((half - 0.05, 0.46, -0.42), (half + 0.005, 0.58, 0.42), 0.03))
     for x in (-half - 0.01, half + 0.01):
-        made.append(
-            box((x - 0.01, 0.42 if x > 0 else 0.66, -0.26), (x + 0.01, 0.53 if x > 0 else 0.77, 0.26), 0.6)
-        )
+        made.append(box((x - 0.01, 0.42 if x > 0 else 0.66, -0.26), (x + 0.01, 0.53 if x > 0 else 0.77, 0.26), 0.6))
     made += [box((0.75, 0.97, s * 0.97 - 0.1), (0.9, 1.1, s * 0.97 + 0.1), 0.03) for s in (-1, 1)]
     return made
 
@@ -159,9 +141,7 @@ def people(random: np.random.Generator) -> list[Body]:
                     tone=legs,
                 )
             )
-            parts.append(
-                tube([(s * 0.22, 1.38, 0), (s * 0.26, 1.1, 0.05), (s * 0.15, 1.15, 0.2)], 0.05, tone=coat)
-            )
+            parts.append(tube([(s * 0.22, 1.38, 0), (s * 0.26, 1.1, 0.05), (s * 0.15, 1.15, 0.2)], 0.05, tone=coat))
         if random.random() < 0.75:
             parts.append(
                 turned(

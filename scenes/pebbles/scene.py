@@ -26,9 +26,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     wet = bool(params["wet"])
     pictures = {kind: stones.picture(kind, random) for kind in stones.KINDS}
     skins = {kind: _skin(picture, wet=wet) for kind, picture in pictures.items()}
-    rest = float(
-        params["rest_mm"]
-    )  # on the way to the lens, so that the pebble stays in the middle of the frame
+    rest = float(params["rest_mm"])  # on the way to the lens, so that the pebble stays in the middle of the frame
     centre = np.array([random.uniform(-4, 4), rest, rest / np.tan(np.radians(55)) + params["nearer_mm"]])
     turn, tilt = float(params["turn_deg"]), 6 * random.standard_normal()
     body = stones.stone(centre + np.array([0, 9, 0]), PEBBLE_MM, turn, tilt, random, fine=True)

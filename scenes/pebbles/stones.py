@@ -83,11 +83,7 @@ def _gneiss(points: np.ndarray, random: np.random.Generator) -> np.ndarray:
     owner = _grains(points, 0.6, random)
     bend, axis = random.uniform(0, 2 * np.pi, 3), random.standard_normal(3)
     axis /= np.linalg.norm(axis)
-    along = (
-        points @ axis
-        + 1.3 * np.sin(points[..., 1] / 5 + bend[0])
-        + 0.8 * np.sin(points[..., 2] / 3 + bend[1])
-    )
+    along = points @ axis + 1.3 * np.sin(points[..., 1] / 5 + bend[0]) + 0.8 * np.sin(points[..., 2] / 3 + bend[1])
     band = 0.5 + 0.5 * np.sin(2 * np.pi * along / 4.2) * np.cos(2 * np.pi * along / 11 + bend[2])
     light = random.uniform(0, 1, int(owner.max()) + 1)[owner] < 0.15 + 0.75 * band
     return np.where(light, 0.52, 0.10) * (1 + 0.2 * (random.uniform(-1, 1, int(owner.max()) + 1)[owner]))
@@ -101,9 +97,7 @@ def _basalt(points: np.ndarray, random: np.random.Generator) -> np.ndarray:
     tone = np.where(random.uniform(0, 1, size) < 0.05, 0.035, tone)
     axis = np.array([random.normal(0, 0.4), 1.0, random.normal(0, 0.4)])
     across = (
-        points @ (axis / np.linalg.norm(axis))
-        + 0.9 * np.sin(points[..., 0] / 3)
-        + 0.5 * np.sin(points[..., 2] / 2)
+        points @ (axis / np.linalg.norm(axis)) + 0.9 * np.sin(points[..., 0] / 3) + 0.5 * np.sin(points[..., 2] / 2)
     )
     vein = np.abs(across - random.uniform(-7, 7)) < 0.7 + 0.3 * np.sin(points[..., 2])
     return np.where(vein, 0.62 + 0.06 * np.sin(9 * across), tone[owner])

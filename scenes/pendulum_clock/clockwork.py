@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from letters import word
+from broad_pen import word
 from solids import Body, ball, box, grid, joined, placed, tube, turned, turning
 from surfaces import cloudy, noise
 
@@ -68,9 +68,7 @@ def rods(kind: str, top: float, radius: float) -> dict[str, Body]:
     brass = [tube([(x, radius + 12, 0), (x, top, 0)], 2.4) for x in (-7, 7)]
     bars = [box((-18, y - 4, -3.4), (18, y + 4, 3.4)) for y in (radius + 10, radius + 64)]
     screws = [
-        ball((x, y, 3.4), (1.6, 1.6, 1), rings=8, around=16)
-        for y in (radius + 10, radius + 64)
-        for x in (-14, 0, 14)
+        ball((x, y, 3.4), (1.6, 1.6, 1), rings=8, around=16) for y in (radius + 10, radius + 64) for x in (-14, 0, 14)
     ]
     return {"steel": joined(steel), "brass": joined([*brass, *bars]), "tip": joined([tip, *screws])}
 
@@ -112,9 +110,7 @@ def wood(shape: tuple[int, int], tone: float, random: np.random.Generator) -> np
     """Grain along the columns, in wavering flames."""
     x = np.arange(shape[1], dtype=np.float32)
     bent = x / shape[1] * 26 + 2.4 * noise(shape, (3, 4), random) + 0.5 * noise(shape, (14, 9), random)
-    grey = (
-        0.78 + 0.22 * np.sin(2 * np.pi * bent) + 0.25 * noise(shape, (shape[0] / 40, shape[1] / 2.5), random)
-    )
+    grey = 0.78 + 0.22 * np.sin(2 * np.pi * bent) + 0.25 * noise(shape, (shape[0] / 40, shape[1] / 2.5), random)
     return np.clip(tone * grey, 0.015, 0.6).astype(np.float32)
 
 

@@ -60,13 +60,9 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
     swing = {
         "axis": turn[:, 2].tolist(),
         "centre_m": (turn @ [0.0, LENGTH_MM * M_PER_MM, 0.0] + shift).tolist(),
-        "keyframes": [
-            {"time_s": float(t), "rotate_deg": float(a)} for t, a in zip(times, angles, strict=True)
-        ],
+        "keyframes": [{"time_s": float(t), "rotate_deg": float(a)} for t, a in zip(times, angles, strict=True)],
     }
-    return dict.fromkeys(
-        ["bob", "tip", *(("wood",) if params["rod"] == "wood" else ("steel", "brass"))], swing
-    )
+    return dict.fromkeys(["bob", "tip", *(("wood",) if params["rod"] == "wood" else ("steel", "brass"))], swing)
 
 
 def _pose(params: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -57,9 +57,7 @@ def drop(width: float, contact_deg: float, random: np.random.Generator, *, long:
     """
     angle = np.linspace(0, 2 * np.pi, AROUND + 1)
     waves = random.normal(0, [0.05, 0.035, 0.02], (2, 3))
-    outline = 1 + sum(
-        a * np.cos(k * angle) + b * np.sin(k * angle) for k, a, b in zip((2, 3, 4), *waves, strict=True)
-    )
+    outline = 1 + sum(a * np.cos(k * angle) + b * np.sin(k * angle) for k, a, b in zip((2, 3, 4), *waves, strict=True))
     radius = 0.5 * width * outline
     sag = min(width / LARGEST_M, 1.0)
     share = np.sin(np.linspace(0, np.pi / 2, RINGS + 1))[:, None]

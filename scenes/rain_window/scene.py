@@ -41,8 +41,7 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
         way = 1e-3 * speed * (times - 0.5 + 0.09 * (np.sin(2 * np.pi * times + phase) + np.sin(phase)))
         moved[f"runner_{k}"] = {
             "keyframes": [
-                {"time_s": float(t), "translate_m": (-w * turn[:, 1]).tolist()}
-                for t, w in zip(times, way, strict=True)
+                {"time_s": float(t), "translate_m": (-w * turn[:, 1]).tolist()} for t, w in zip(times, way, strict=True)
             ]
         }
     return moved

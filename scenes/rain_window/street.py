@@ -17,9 +17,7 @@ LIT = 7
 def street(sky: float, random: np.random.Generator) -> dict[str, Any]:
     """The picture, and the lit shop windows, signs and lamps in front of it."""
     t = mi.ScalarTransform4f()
-    scene = {
-        "street": _shining(t.translate([0, 0, -AWAY_M]), SIZE_M, _texture(_picture(sky, random)), seldom=True)
-    }
+    scene = {"street": _shining(t.translate([0, 0, -AWAY_M]), SIZE_M, _texture(_picture(sky, random)), seldom=True)}
     places = np.linspace(-16.0, 16.0, LIT) + random.uniform(-1.2, 1.2, LIT)
     for k, x in enumerate(places):
         high = k % 3 == 1  # a lit sign over the road; else a shop's window

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from meshes import Body, grid, joined
+from solids import Body, grid, joined, placed
 
 AROUND = 48
 
@@ -63,7 +63,7 @@ def fork() -> Body:
                 (150, 0.2, 7.6, 0, 0.3),
             ]
         )
-        tines.append(bar.moved([x * 1e-3, 0, 0]))
+        tines.append(placed(bar, [x * 1e-3, 0, 0]))
     return joined([stem, *tines])
 
 

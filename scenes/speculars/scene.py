@@ -1,4 +1,4 @@
-"""A laid table: a matt menu card, and round it, nearer and farther, metal that glints under small lamps.
+"""A laid table at night: a menu with embossed foil, and round it, nearer and farther, all that glints.
 
 World frame: metres, x right, y up, z towards the camera; the cloth is y = 0, the lens 0.5 m before z = 0.
 """
@@ -7,159 +7,114 @@ from __future__ import annotations
 
 from typing import Any
 
-import cutlery
+import menu
 import mitsuba as mi
 import numpy as np
-import surfaces
-from meshes import Body, faceted_ball, grid, joined, mesh, turned
+import tableware
+from solids import grid, placed, turning
+from surfaces import cloudy, glossy, matte, mesh, metal, texture, tones
 
-EYE, AIM = np.array([0.0, 0.08, 0.5]), np.array([0.0, 0.018, 0.0])
+EYE, AIM = np.array([0.0, 0.10, 0.5]), np.array([0.0, 0.034, 0.0])
 # Azimuth from the family's (rad), W of the visible band, share of the samples: most go where the card is lit.
-LAMPS = ((-0.30, 1.5, 8.0), (0.36, 1.5, 8.0), (2.55, 0.5, 2.0), (-2.70, 0.5, 2.0))
-BULB_M, BULB = 0.005, 5.0  # radius, W m^-2 sr^-1: frosted
-CARD_TILT_DEG = -9.0  # it leans back
+LAMPS = ((-0.42, 2.2, 9.0), (0.50, 1.2, 5.0), (2.55, 0.6, 1.5), (-2.70, 0.6, 1.5))
+GLOBES, GLOBE_M, GLOBE = 15, 0.0058, 5.0  # radius; W m^-2 sr^-1: frosted
+FLAME_M, FLAME = 0.0045, 16.0
+CARD_TILT_DEG = -12.0  # it leans back
+STEEL, SILVER, BRASS = (2.6, 3.6), (0.13, 3.4), (0.6, 2.5)  # index and absorption at 555 nm
 
 
 def build(params: dict[str, Any]) -> dict[str, Any]:
     """Scene dictionary (metres, W m^-2 sr^-1) without sensor and integrator."""
-    random = np.random.default_rng(int(params["seed"]))
+    random = np.random.default_rng([1879, int(params["seed"])])
     rough = float(params["roughness"])
     along = (AIM - EYE) / np.linalg.norm(AIM - EYE)
-    depth = float((EYE + float(params["distance_m"]) * along)[2])  # z of the card's middle
-    steel = surfaces.metal("steel", surfaces.handled(rough, random))
-    silver = surfaces.metal("silver", surfaces.handled(rough, random))
-    brass = surfaces.metal("brass", surfaces.handled(1.3 * rough, random))
-    brushed = surfaces.metal("steel", 0.30, across=0.10)
-    floor = np.array([[(-0.7, 0, -1.0), (0.7, 0, -1.0)], [(-0.7, 0, 0.4), (0.7, 0, 0.4)]])
-    scene: dict[str, Any] = {
-        "cloth": mesh("cloth", grid(floor), surfaces.linen(random), smooth=False),
-        "card": mesh(
-            "card", _card(depth, float(params["yaw_deg"])), surfaces.card(float(params["ink"]), random)
-        ),
-        "room": surfaces.room(random),
-    }
-    for name, made, bsdf in (
-        ("cutlery", _cutlery(depth, random), steel),
-        ("cups", _cups(depth, random), silver),
-        ("rings", _rings(depth, random), brass),
-        ("tray", _tray(depth), brushed),
-    ):
-        scene[name] = mesh(name, made, bsdf)
-    beads = surfaces.metal("silver", 0.12)
-    scene["beads"] = mesh("beads", _beads(depth, random), beads, smooth=False)
-    return scene | _lamps(params) | _bulbs(random)
-
-
-def _card(depth: float, yaw_deg: float) -> Body:
-    """The printed front, its foot on the cloth; the coordinates are 0..1 from the lower left."""
-    w, h = surfaces.CARD_M[0] / 2, surfaces.CARD_M[1]
+    z = float((EYE + float(params["distance_m"]) * along)[2])  # of the card's middle
+    w, h = menu.CARD_M[0] / 2, menu.CARD_M[1]
     flat = grid(np.array([[(-w, 0.0, 0.0), (w, 0.0, 0.0)], [(-w, h, 0.0), (w, h, 0.0)]]))
-    return flat.moved([0, 0.001, depth], yaw_deg=yaw_deg, pitch_deg=CARD_TILT_DEG)
+    pose = turning([0, 1, 0], float(params["yaw_deg"])) @ turning([1, 0, 0], CARD_TILT_DEG)
+    surface = menu.card(float(params["ink"]), float(params["foil_roughness"]), random)
+    stick, candle = tableware.candlestick(z, random)
+    lights = _globes(z, random)
+    scene: dict[str, Any] = {
+        "type": "scene",
+        "card": mesh("card", placed(flat, [0, 0.001, z], turn=pose), surface, smooth=False),
+        "cloth": mesh("cloth", _cloth(random), matte(texture(_weave(random), repeat=(16, 16)))),
+        "cutlery": mesh("cutlery", tableware.place_setting(z, random), metal(*STEEL, texture(_handled(rough, random)))),
+        "baubles": mesh("baubles", tableware.baubles(z, random), metal(*SILVER, 0.9 * rough)),
+        "candlestick": mesh("candlestick", stick, metal(*BRASS, texture(_handled(1.2 * rough, random)))),
+        "candle": mesh("candle", candle, matte(0.72)),
+        "plate": mesh("plate", tableware.plate(z), glossy(0.34, 0.12)),
+        "sequins": mesh("sequins", tableware.sequins(z, random), metal(*SILVER, 0.22)),
+        "pearls": mesh("pearls", tableware.pearls(z, random), glossy(0.62, 0.12)),
+        "wire": mesh("wire", tableware.wire(lights), matte(tones())),
+        "room": _room(random),
+    }
+    flame = np.asarray(candle.vertices).max(axis=0)[1]
+    middle = candle.vertices.mean(axis=0)
+    scene["flame"] = _ball([float(middle[0]), float(flame + 0.010), float(middle[2])], FLAME_M, FLAME, 0.5)
+    for k, at in enumerate(lights):
+        scene[f"globe_{k}"] = _ball(at.tolist(), GLOBE_M, GLOBE, 0.1)
+    return scene | _lamps(params)
 
 
-def _cutlery(depth: float, random: np.random.Generator) -> Body:
-    """Fork and spoons to both sides and in front of the card, more of them behind."""
-    made = []
-    for kind, x, z, yaw in (
-        (cutlery.fork, -0.053, -0.085, 3),
-        (cutlery.spoon, 0.056, -0.075, -5),
-        (cutlery.knife, 0.070, -0.22, 9),
-        (cutlery.spoon, -0.092, -0.27, 24),
-        (cutlery.fork, 0.005, -0.36, -35),
-    ):
-        shift = [x + random.normal(0, 0.003), 0, depth + z + random.normal(0, 0.006)]
-        made.append(kind().moved(shift, yaw_deg=yaw + float(random.normal(0, 2.5))))
-    return joined(made)
+def _globes(z: float, random: np.random.Generator) -> np.ndarray:
+    """Places (n, 3) of a string of lights that winds over the cloth and up some twigs behind."""
+    at = np.linspace(0, 1, GLOBES)
+    back = -0.12 - 0.62 * at + random.normal(0, 0.012, GLOBES)
+    x = (0.085 - 0.10 * back) * np.sin(11.0 * at + random.uniform(0, 6)) + random.normal(0, 0.008, GLOBES)
+    y = GLOBE_M + 0.07 * np.clip(at - 0.25, 0, 1) * (1 + 0.6 * np.sin(23 * at))
+    return np.stack([x, y, z + back], axis=1)
 
 
-def _cups(depth: float, random: np.random.Generator) -> Body:
-    """A footed silver cup and a small beaker behind the card."""
-    cup = turned(
-        [
-            (0.019, 0.0),
-            (0.021, 0.0015),
-            (0.012, 0.005),
-            (0.004, 0.010),
-            (0.0045, 0.018),
-            (0.012, 0.024),
-            (0.021, 0.036),
-            (0.0235, 0.052),
-            (0.023, 0.062),
-            (0.0222, 0.062),
-            (0.020, 0.038),
-            (0.0, 0.028),
-        ]
-    )
-    beaker = turned(
-        [
-            (0.0, 0.0005),
-            (0.014, 0.0005),
-            (0.0155, 0.003),
-            (0.0165, 0.02),
-            (0.018, 0.036),
-            (0.0175, 0.036),
-            (0.015, 0.006),
-            (0.0, 0.004),
-        ]
-    )
-    return joined(
-        [
-            cup.moved([-0.067 + random.normal(0, 0.004), 0, depth - 0.145]),
-            beaker.moved([0.060 + random.normal(0, 0.004), 0, depth - 0.105]),
-            cup.moved([0.110 + random.normal(0, 0.01), 0, depth - 0.40]),
-        ]
-    )
+def _cloth(random: np.random.Generator) -> Any:
+    """The table-cloth with the creases of its folding and low waves."""
+    x, z = np.meshgrid(np.linspace(-0.8, 0.8, 200), np.linspace(0.4, -1.2, 200), indexing="xy")
+    y = 0.0012 * cloudy(x.shape, 9, 2, random) - 0.0015
+    for at in (-0.23, 0.21):
+        y += 0.0010 * np.exp(-(((x - at) / 0.006) ** 2))
+    return grid(np.stack([x, y, z], axis=2))
 
 
-def _rings(depth: float, random: np.random.Generator) -> Body:
-    """Napkin rings, lying and standing."""
-    angle = np.linspace(0, 2 * np.pi, 13)[::-1]
-    ring = turned(
-        np.stack([0.019 + 0.0035 * np.cos(angle), 0.0035 + 0.0035 * np.sin(angle)], axis=1), steps=4
-    )
-    standing = ring.moved([0, 0.0225, 0], pitch_deg=90)
-    return joined(
-        [
-            standing.moved(
-                [-0.115 + random.normal(0, 0.004), 0, depth - 0.24], yaw_deg=float(random.uniform(-40, 40))
-            ),
-            ring.moved([0.040, 0, depth + 0.115]),
-            ring.moved([-0.150, 0, depth - 0.38]),
-        ]
-    )
+def _weave(random: np.random.Generator) -> np.ndarray:
+    """Dark damask: plain weave of uneven threads of 0.5 mm, 0.10 m a repeat."""
+    n, threads = 1000, 200
+    at = np.arange(n) / n * threads
+    k = at.astype(int)
+    warp, weft = (1 + 0.18 * random.standard_normal(threads) for _ in range(2))
+    over = ((k[:, None] + k[None, :]) % 2).astype(bool)
+    bow = np.abs(np.sin(np.pi * at)) ** 0.6
+    tone = np.where(over, warp[k][None, :] * bow[None, :], weft[k][:, None] * bow[:, None])
+    return np.clip(0.10 * (0.35 + 0.65 * tone) * (1 + 0.1 * random.standard_normal((n, n))), 0.02, 0.4)
 
 
-def _tray(depth: float) -> Body:
-    """A brushed plate under the things to the left, with a rolled rim."""
-    outline = [
-        (0.0, 0.0012),
-        (0.02, 0.0012),
-        (0.040, 0.0012),
-        (0.046, 0.003),
-        (0.050, 0.0048),
-        (0.051, 0.003),
-    ]
-    return turned(outline).moved([-0.085, 0, depth - 0.145])
+def _handled(rough: float, random: np.random.Generator) -> np.ndarray:
+    """Roughness of polished metal that has been handled: smears, water spots, hairlines."""
+    n = 384
+    picture = np.full((n, n), rough) * (1 + 0.10 * cloudy((n, n), 12, 4, random))
+    y, x = np.mgrid[0:n, 0:n] / n
+    for _ in range(10):
+        cx, cy, r = random.uniform(0, 1), random.uniform(0, 1), random.uniform(0.02, 0.09)
+        ridges = 0.5 + 0.5 * np.sin(70 * np.hypot(x - cx + 0.1, y - cy))
+        picture += 0.08 * ridges * np.exp(-(((x - cx) / r) ** 2) - ((y - cy) / r) ** 2)
+    for _ in range(60):
+        cx, cy, a = random.uniform(0, 1), random.uniform(0, 1), random.uniform(0, np.pi)
+        along, off = (x - cx) * np.cos(a) + (y - cy) * np.sin(a), (y - cy) * np.cos(a) - (x - cx) * np.sin(a)
+        picture[(np.abs(off) < 0.0015) & (np.abs(along) < 0.12)] += 0.06
+    return np.clip(picture, 0.06, 0.4)
 
 
-def _beads(depth: float, random: np.random.Generator) -> Body:
-    """A necklace of faceted beads, 3 mm to 5 mm, strewn in front of the card and away behind it."""
-    ball, made = faceted_ball(7, 10), []
-    for z, count, start in ((0.085, 30, -0.070), (-0.055, 14, 0.036), (-0.30, 44, -0.12)):
-        bend, wave = random.uniform(0, 6), random.uniform(0.006, 0.011)
-        x = start
-        for _ in range(count):
-            r = float(random.uniform(0.0016, 0.0026))
-            turn = np.linalg.qr(random.normal(0, 1, (3, 3)))[0]
-            turn *= np.linalg.det(turn)
-            place = np.array([x, r, depth + z + wave * np.sin(90 * x + bend)])
-            made.append(Body(r * ball.vertices @ turn.T + place, ball.triangles, ball.uv))
-            x += 2.05 * r
-    return joined(made)
+def _ball(centre: list[float], radius: float, radiance: float, share: float) -> dict[str, Any]:
+    return {
+        "type": "sphere",
+        "center": centre,
+        "radius": radius,
+        "bsdf": {"type": "diffuse", "reflectance": 0.5},
+        "emitter": {"type": "area", "radiance": radiance, "sampling_weight": share},
+    }
 
 
 def _lamps(params: dict[str, Any]) -> dict[str, Any]:
-    """Four small lamps round the table: two light the card, two beyond it glint on what lies flat."""
+    """Four lamps round the table: two light the card, two beyond it glint on what lies flat."""
     radius, turn = float(params["lamp_mm"]) * 1e-3, np.radians(float(params["lamp_azimuth_deg"]))
     made = {}
     for k, (aside, power, share) in enumerate(LAMPS):
@@ -170,25 +125,20 @@ def _lamps(params: dict[str, Any]) -> dict[str, Any]:
             "type": "disk",
             "to_world": pose @ mi.ScalarTransform4f().scale(radius),
             "bsdf": {"type": "diffuse", "reflectance": 0.0},
-            "emitter": {
-                "type": "area",
-                "radiance": power / (np.pi * radius) ** 2,
-                "sampling_weight": share,
-            },
+            "emitter": {"type": "area", "radiance": power / (np.pi * radius) ** 2, "sampling_weight": share},
         }
     return made
 
 
-def _bulbs(random: np.random.Generator) -> dict[str, Any]:
-    """A string of frosted lights that lies on the cloth far behind."""
-    made = {}
-    for k, (x, z) in enumerate(((-0.13, -0.72), (-0.10, -0.55), (0.12, -0.80), (0.115, -0.60))):
-        centre = [x + float(random.normal(0, 0.005)), BULB_M, z + float(random.normal(0, 0.03))]
-        made[f"bulb_{k}"] = {
-            "type": "sphere",
-            "center": centre,
-            "radius": BULB_M,
-            "bsdf": {"type": "diffuse", "reflectance": 0.5},
-            "emitter": {"type": "area", "radiance": BULB, "sampling_weight": 0.2},
-        }
-    return made
+def _room(random: np.random.Generator) -> dict[str, Any]:
+    """A dim room (W m^-2 sr^-1): dark walls, a pale ceiling, a window at dusk, furniture."""
+    rows, columns = 96, 192
+    up = np.cos((np.arange(rows) + 0.5) / rows * np.pi)[:, None] + np.zeros(columns)
+    picture = np.where(up > 0.55, 0.22, 0.075)
+    picture[up < 0.0] = 0.03
+    for at in random.integers(0, columns, 9):
+        tall = int(random.integers(38, 50))
+        picture[tall:56, at : at + int(random.integers(4, 16))] *= random.uniform(0.3, 0.8)
+    picture[22:44, 20:29] = 1.3
+    picture[22:44, 24] = picture[33, 20:29] = 0.10
+    return {"type": "envmap", "bitmap": mi.Bitmap(picture.astype(np.float32)[:, :, None].repeat(3, axis=2))}

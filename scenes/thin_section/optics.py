@@ -1,17 +1,18 @@
-"""Light through a crystal plate between crossed polarisers, as the eye weighs it."""
+"""Light through a crystal plate behind a polariser, with or without an analyser, as the eye weighs it."""
 
 from __future__ import annotations
 
 import numpy as np
 
-POLARISERS = 0.36  # of unpolarised light through two parallel ones
+PARALLEL = 0.36  # of unpolarised light through two parallel polarisers
+SINGLE = 0.42  # through one
 LEAK = 0.002  # of what stays dark
 LAMP_K = 5000.0  # halogen behind a blue filter
-STEP_NM, LARGEST_NM = 2.0, 7000.0
+STEP_NM, LARGEST_NM = 4.0, 9000.0
 
 
 def shares() -> np.ndarray:
-    """The mean of sin²(π Γ/λ) over the visible band, for retardations Γ of 0, 2, 4, … nm.
+    """The mean of sin²(π Γ/λ) over the visible band, for retardations Γ of 0, 4, 8, … nm.
 
     The weights are a Gaussian near the CIE's photopic luminosity (555 nm, standard deviation 42 nm) times a
     black body of 5000 K.
@@ -23,11 +24,10 @@ def shares() -> np.ndarray:
     return np.sin(np.pi * gamma[:, None] / wave) ** 2 @ (weight / weight.sum())
 
 
-def transmittance(retardation_nm: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Share of unpolarised light that passes polariser, plate and analyser.
-
-    ``turn`` (rad) is the angle from the polariser to a direction of vibration in the plate.
-    """
-    table = shares()
-    at = np.minimum((retardation_nm / STEP_NM + 0.5).astype(np.int32), table.size - 1)
-    return LEAK + POLARISERS * np.sin(2 * turn) ** 2 * table[at]
+def interference(retardation_nm: np.ndarray) -> np.ndarray:
+    """The share of a crystal plate at 45 degrees between crossed polarisers, linear between values."""
+    table = shares().astype(np.float32)
+    at = np.clip(retardation_nm / np.float32(STEP_NM), 0, table.size - 1.001)
+    low = at.astype(np.int32)
+    share = table[low]
+    return share + (at - low) * (table[low + 1] - share)

@@ -1,171 +1,258 @@
-"""Grains of a rock as pictures over a section: which mineral where, how it lies, how it is twinned."""
+"""A rock as pictures over its section: what each layer lets through, and what the upper one throws back."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from optics import transmittance
-from scipy.spatial import cKDTree
-from surfaces import cloudy, noise
-
-SIZE_UM, TEXEL_UM = (2200.0, 1560.0), 1.4  # wider than the field of 1600 µm × 1000 µm; a pixel sees 4 µm
-
-
-class Mineral(NamedTuple):
-    """Birefringence; what the crystal lets through; twins; cleavage, 0..1; the share that it throws back."""
-
-    birefringence: float
-    clear: float
-    twin: str
-    cleavage: float
-    reflects: float
-
-
-MINERALS = {
-    "plagioclase": Mineral(0.009, 0.97, "lamellae", 0.15, 0.05),
-    "quartz": Mineral(0.009, 0.98, "undulose", 0.0, 0.05),
-    "microcline": Mineral(0.007, 0.96, "tartan", 0.1, 0.05),
-    "augite": Mineral(0.025, 0.85, "none", 0.6, 0.06),
-    "olivine": Mineral(0.036, 0.93, "none", 0.35, 0.06),
-    "biotite": Mineral(0.042, 0.45, "none", 1.0, 0.05),
-    "calcite": Mineral(0.172, 0.95, "thin", 0.7, 0.07),
-    "magnetite": Mineral(0.0, 0.0, "none", 0.0, 0.20),
-}
-# Shares of what fills the space, then laths: mineral, how many, length and width in mean grains.
-ROCKS = {
-    "gabbro": (
-        {"augite": 0.62, "olivine": 0.28, "magnetite": 0.10},
-        (("plagioclase", 75, 2.6, 0.62), ("olivine", 9, 1.1, 0.9), ("magnetite", 12, 0.35, 0.3)),
-    ),
-    "granite": (
-        {"quartz": 0.42, "microcline": 0.30, "plagioclase": 0.22, "biotite": 0.06},
-        (("biotite", 16, 1.3, 0.5), ("plagioclase", 10, 1.6, 0.8), ("magnetite", 8, 0.2, 0.2)),
-    ),
-    "marble": ({"calcite": 0.93, "quartz": 0.05, "magnetite": 0.02}, (("magnetite", 5, 0.25, 0.2),)),
-}
+from crystals import sheets
+from minerals import MINERALS, NAMES, SHAPE, TEXEL_UM, Fabric, fabric
+from optics import LEAK, PARALLEL, SINGLE, interference
+from rasters import fractal, noise, sampled, soft, splat, strokes
+from scipy.ndimage import gaussian_filter
 
 
 def layers(params: dict, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Transmittance of both sheets, and the share that the upper one reflects; row 0 at the bottom."""
-    fills, laths = ROCKS[params["rock"]]
-    x, y = (np.arange(round(s / TEXEL_UM)) * TEXEL_UM - s / 2 for s in SIZE_UM)
-    shape = y.size, x.size
-    x, y = (plane.astype(np.float32) for plane in np.meshgrid(x, y))
-    size = params["grain_um"]
-    grain, rim = _cells(x, y, size, random)
-    names = list(MINERALS)
-    count = int(grain.max()) + 1
-    kinds = random.choice([names.index(n) for n in fills], count, p=list(fills.values()))
-    kinds = list(kinds)
-    for name, number, long, wide in laths:
-        for _ in range(number):
-            inside, edge = _lath(x, y, size * np.array([long, wide]), random)
-            grain[inside] = len(kinds)
-            rim[inside] = edge
-            kinds.append(names.index(name))
-    kind = np.array(kinds)
-    mineral = kind[grain]
-    turn, retardation = _crystals(x, y, grain, kind, params, random)
-    light = transmittance(retardation, turn + np.radians(params["stage_deg"]))
-    light *= np.array([MINERALS[n].clear for n in names])[mineral]
-    light *= 1 + 0.10 * noise(shape, (shape[0] / 1.7, shape[1] / 1.7), random)  # the ground face
-    cracks = _cracks(x, y, grain, kind, random)
-    bounds = np.exp(-((rim / 2.2) ** 2))
-    upper = light * (1 - 0.75 * bounds) * (1 - 0.7 * cracks)
-    dust = cloudy(shape, 160, 3, random) > 1.15
-    lower = (1 - 0.35 * np.exp(-((np.roll(rim, (5, -4), (0, 1)) / 4.0) ** 2))) * np.where(dust, 0.5, 0.99)
-    back = np.array([MINERALS[n].reflects for n in names])[mineral] * (1 + 0.8 * cracks + 0.5 * bounds)
-    back *= 1 + 0.15 * noise(shape, (shape[0] / 2, shape[1] / 2), random)
-    return upper.clip(0, 1), lower.clip(0, 1), back.clip(0, 0.5)
+    rock = Rock(params, random)
+    light, clear = rock.light(), rock.clear()
+    upper = light * clear
+    fine = noise(SHAPE, 2.4, random)
+    rough = rock.by_mineral(2) * (0.6 * fine + 0.5 * noise(SHAPE, 5, random))  # the ground face of what has relief
+    upper *= 1 + 0.26 * rough + 0.05 * fine
+    marks = _polish(random)
+    upper *= 1 - marks
+    lower = _below(clear, random)
+    back = rock.by_mineral(4) * (1 + 0.9 * (1 - clear) * (rock.by_mineral(1) > 0) + 0.3 * rough + marks)
+    return upper.clip(0, 1), lower.clip(0, 1), back.clip(0.01, 0.5)
 
 
-def _cells(
-    x: np.ndarray, y: np.ndarray, size: float, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """The grain of every texel, and about how far it is to the next one (µm); boundaries are sutured."""
-    count = round(SIZE_UM[0] * SIZE_UM[1] / size**2)
-    middles = random.uniform(-0.52, 0.52, (count, 2)) * SIZE_UM
-    bend = [
-        0.10 * size * noise(x.shape, (9, 13), random) + 0.03 * size * noise(x.shape, (50, 70), random)
-        for _ in (0, 1)
-    ]
-    places = np.stack([x + bend[0], y + bend[1]], axis=2).reshape(-1, 2)
-    far, which = cKDTree(middles).query(places, k=2, workers=1)
-    return which[:, 0].reshape(x.shape), ((far[:, 1] - far[:, 0]) / 2).reshape(x.shape)
+class Rock:
+    """The grains with their own random crystals."""
+
+    def __init__(self, params: dict, random: np.random.Generator) -> None:
+        self.random, self.params = random, params
+        self.fabric: Fabric = fabric(params["rock"], params["grain_um"], random)
+        self.sheets = sheets(random)
+        growth = self.fabric.growth
+        self.mineral = self.fabric.mineral
+        self.edge = growth.edge * np.float32(TEXEL_UM)
+        self.edge[growth.first > 40] = 9.0
+        row, column = np.ogrid[: SHAPE[0], : SHAPE[1]]
+        each, count = self.fabric.each, len(self.fabric.kind)
+        c, s = each(np.cos(self.fabric.along)), each(np.sin(self.fabric.along))
+        x, y = column - each(self.fabric.column), row - each(self.fabric.row)
+        self.u, self.v = c * x + s * y, c * y - s * x  # along each crystal and across it, texels
+        self.shift = each(random.uniform(0, 700, count)), each(random.uniform(0, 700, count))
+        self.count = count
+        pair = (growth.owner * 7919 + growth.other * 7919) % 1021
+        self.slant = random.gamma(1.6, 3.2, 1021).astype(np.float32)[pair]  # µm over which a boundary slopes
+
+    def is_(self, *names: str) -> np.ndarray:
+        """Where these minerals are."""
+        return np.isin(np.arange(len(NAMES)), [NAMES.index(name) for name in names])[self.mineral]
+
+    def by_mineral(self, index: int) -> np.ndarray:
+        """A property at every texel."""
+        return np.array([MINERALS[name][index] for name in NAMES], dtype=np.float32)[self.mineral]
+
+    def own(
+        self, sheet: np.ndarray, where: np.ndarray, *, scale: np.ndarray | float = 1.0, turn: float = 0.0
+    ) -> np.ndarray:
+        """What the crystals chosen by a mask see of a sheet, 0 elsewhere."""
+        made = np.zeros(SHAPE, dtype=np.float32)
+        there = np.nonzero(where)
+        u, v = self.u[there], self.v[there]
+        by = scale[there] if isinstance(scale, np.ndarray) else scale
+        c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+        rows, columns = ((c * v - s * u) * by + self.shift[0][there], (c * u + s * v) * by + self.shift[1][there])
+        made[there] = sampled(sheet, rows, columns)
+        return made
+
+    def chance(self, share: float) -> np.ndarray:
+        """Whether a grain is one of a share of all, at every texel."""
+        return (self.random.random(self.count) < share)[self.fabric.growth.owner]
+
+    def between(self, low: float, high: float) -> np.ndarray:
+        """A number of every grain, even between two, at every texel."""
+        return self.fabric.each(self.random.uniform(low, high, self.count))
+
+    def light(self) -> np.ndarray:
+        """What passes the polariser, the crystals and the analyser, without what they absorb."""
+        if self.params["polars"] == "plane":
+            return np.full(SHAPE, SINGLE, dtype=np.float32)
+        random = self.random
+        # A random axis stands at an angle with a uniform cosine to the light; birefringence goes as sin².
+        seen = 1 - self.between(-0.93, 0.93) ** 2
+        gamma = seen * self.by_mineral(0) * np.float32(self.params["thickness_um"] * 1e3)
+        gamma *= 1 + 0.05 * noise(SHAPE, 330, random) + 0.012 * noise(SHAPE, 40, random)  # the section is a wedge
+        gamma *= 0.42 + 0.58 * np.clip(self.edge / (self.slant + 0.8), 0, 1)  # a sloping boundary is one too
+        first, second, share = self._vibration()
+        gamma = self._altered(gamma)
+        share_of_wave = interference(gamma)
+        stage = np.float32(np.radians(self.params["stage_deg"]))
+        light = (1 - share) * np.sin(2 * (first + stage)) ** 2 + share * np.sin(2 * (second + stage)) ** 2
+        return LEAK + PARALLEL * light * share_of_wave
+
+    def _vibration(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Direction of vibration (rad) of both individuals of a twin, and the share of the second."""
+        along = self.fabric.each(self.fabric.along)
+        own = self.sheets
+        plagioclase, quartz, calcite = self.is_("plagioclase"), self.is_("quartz"), self.is_("calcite")
+        tilt = np.where(plagioclase, self.between(0.12, 0.55), self.between(-0.8, 0.8))
+        biotite = self.is_("biotite")
+        tilt[biotite] *= 0.06  # vibrates along its cleavage
+        age = self.fabric.growth.first - self.fabric.each(self.fabric.start)
+        zones = np.sin(age * self.between(16, 44) + 2.0 * np.sin(5 * age)) * self.between(0, 1) - 2.2 * age**2
+        tilt += np.where(plagioclase | self.is_("augite"), 0.07 * self.between(0.0, 1.4) * zones, 0)
+        strain = self.own(own.strain, quartz | self.is_("microcline", "calcite", "plagioclase"))
+        tilt += strain * np.where(quartz, 0.26, 0.05)
+        tilt += 0.13 * self.own(own.subgrains, quartz & self.chance(0.5))
+        tilt += 0.14 * self.own(own.speckle, biotite) + 0.05 * self.own(own.strain, biotite)
+        wide = self.between(0.5, 1.9)
+        twins = self.own(own.twins, plagioclase & self.chance(0.93), scale=wide)
+        half = self.v > 0.2 * self.own(own.strain, plagioclase)  # a Carlsbad twin halves the crystal
+        tilt = np.where(plagioclase & half & self.chance(0.4), np.float32(0.75) - tilt, tilt)
+        crossing = self.own(own.spindles, plagioclase & self.chance(0.2), scale=0.6, turn=1.48)
+        twins = np.maximum(twins, crossing * np.clip(2.5 * strain - 0.3, 0, 1))
+        simple = self.is_("augite") & self.chance(0.25) & (self.v > 0)
+        second = np.where(plagioclase, -tilt, tilt + 0.9)
+        warp, weft = (self.own(own.spindles, self.is_("microcline") & self.chance(0.85), turn=a) for a in (0.1, 1.66))
+        patches = np.clip(0.6 + strain, 0, 1)
+        tilt += 0.30 * (warp + weft - 1) * patches * self.is_("microcline")
+        thin = np.zeros(SHAPE, dtype=np.float32)
+        for turn, share in ((0.35, 0.8), (1.6, 0.35), (2.5, 0.12)):
+            lines = self.own(own.cleavage, calcite & self.chance(share), scale=self.between(0.5, 1.3), turn=turn)
+            thin = np.maximum(thin, soft(lines - 0.35, 0.25))
+        share = np.where(plagioclase, twins, np.where(calcite, thin, simple)).astype(np.float32)
+        return along + tilt, along + second, share
+
+    def _altered(self, gamma: np.ndarray) -> np.ndarray:
+        """Flecks of mica in feldspar, stringers of another feldspar, fibres along cracks of olivine."""
+        random, own = self.random, self.sheets
+        feldspar = self.is_("plagioclase", "microcline")
+        cloud = fractal(SHAPE, 70, 3, random) + self.between(-1.3, 0.35) + 0.2 * (self.edge > 14)
+        flecks = soft(self.own(own.speckle, feldspar, scale=1.2) - 0.45, 0.5) * soft(cloud, 0.5)
+        gamma = gamma + (120 + 130 * noise(SHAPE, 3, random)) * flecks
+        stringers = self.own(own.stringers, self.is_("microcline") & self.chance(0.6))
+        gamma *= 1 + 0.5 * stringers
+        lamellae = self.own(own.stringers, self.is_("augite") & self.chance(0.35), scale=1.7)
+        gamma *= 1 - 0.25 * lamellae
+        gamma += 45 * self.is_("glass") * fractal(SHAPE, 5, 2, random).clip(0)  # crystallites
+        self.cracks = self._cracks()
+        serpentine = np.exp(-self.cracks / 3.5) * self.is_("olivine")
+        fibres = 1 + 0.6 * self.own(own.speckle, self.is_("olivine"))
+        return gamma + serpentine * (170 * fibres - gamma)
+
+    def _cracks(self) -> np.ndarray:
+        """Distance (µm) from the nearest crack; far where there are none."""
+        cracked = self.is_("olivine", "augite", "quartz", "zircon")
+        by = np.where(self.is_("olivine"), np.float32(1.15), np.float32(0.6))
+        distance = np.float32(TEXEL_UM) * self.own(self.sheets.cracks, cracked, scale=by) / by
+        return np.where(cracked, distance, np.float32(60)) + self.between(0, 0.5)
+
+    def clear(self) -> np.ndarray:
+        """What crystals, cleavages, cracks, boundaries and inclusions leave of the light."""
+        random, own = self.random, self.sheets
+        if self.params["polars"] == "plane":
+            self.cracks = self._cracks()
+        stage = np.radians(self.params["stage_deg"])
+        clear = self.by_mineral(1)
+        biotite, olivine = self.is_("biotite"), self.is_("olivine")
+        brown = np.cos(self.fabric.each(self.fabric.along) + np.float32(stage)) ** 2  # darkest along the polariser
+        clear *= np.where(biotite, 1 - 0.75 * brown * (1 + 0.12 * self.own(own.speckle, biotite)), 1)
+        lines = np.zeros(SHAPE, dtype=np.float32)
+        for turn, names, share in (
+            (0.0, ("biotite",), 1.0),
+            (0.52, ("augite",), 0.9),
+            (2.07, ("augite",), 0.55),
+            (0.9, ("calcite",), 0.75),
+            (2.2, ("calcite",), 0.6),
+            (0.0, ("plagioclase", "microcline"), 0.6),
+        ):
+            drawn = self.own(
+                own.cleavage, self.is_(*names) & self.chance(share), scale=self.between(0.55, 1.1), turn=turn
+            )
+            lines = np.maximum(lines, drawn * self.between(0.4, 1.0))
+        clear *= 1 - 0.85 * lines * self.by_mineral(3)
+        width = 0.9 + 0.5 * noise(SHAPE, 25, random)
+        dark = soft(width - self.cracks, 1.2) * (0.85 * olivine + 0.5 * self.is_("augite") + 0.12 * self.is_("quartz"))
+        clear *= 1 - dark
+        clear *= 1 - 0.35 * np.exp(-self.cracks / 4.0) * olivine * (1 + 0.6 * noise(SHAPE, 4, random))
+        rim = np.exp(-self.edge / 5.0) * olivine  # altered from its edge, too
+        clear *= 1 - 0.45 * rim * (0.7 + 0.6 * noise(SHAPE, 6, random))
+        cloud = soft(fractal(SHAPE, 55, 4, random) + self.between(-0.9, 0.5), 0.9) * self.is_(
+            "plagioclase", "microcline"
+        )
+        clear *= 1 - 0.3 * cloud * (1 + 0.8 * noise(SHAPE, 3.4, random))
+        return clear * self._boundaries() * self._inclusions()
+
+    def _boundaries(self) -> np.ndarray:
+        """Dark lines where the relief differs, with a bright line inside the crystal of higher index."""
+        relief = self.by_mineral(2)
+        table = np.array([MINERALS[name].relief for name in NAMES], dtype=np.float32)
+        step = relief - table[self.fabric.kind[self.fabric.growth.other]]
+        strength = 0.14 + 0.6 * np.abs(step) + 0.2 * relief
+        strength *= 1 + 0.5 * noise(SHAPE, 30, self.random)
+        line = np.exp(-((self.edge / (0.9 + 0.12 * self.slant)) ** 2))
+        bright = np.exp(-(((self.edge - 3.4) / 1.4) ** 2)) * np.clip(step, 0, 1)
+        return np.clip(1 - strength * line + 0.16 * bright, 0, 1.2)
+
+    def _inclusions(self) -> np.ndarray:
+        """Trails of bubbles in quartz, dust in feldspar, haloes round zircons in biotite."""
+        random = self.random
+        n = 70
+        rows, columns, which = strokes(
+            random.uniform(0, 1, (n, 2)) * SHAPE, random.uniform(0, np.pi, n), random.uniform(60, 260, n)
+        )
+        kept = random.random(rows.size) < random.uniform(0.05, 0.28, n)[which]
+        rows, columns = (a[kept] + random.normal(0, 2.2, kept.sum()) for a in (rows, columns))
+        dots = splat(SHAPE, rows, columns, random.uniform(0.5, 2.2, rows.size), blur=0.65) * self.is_(
+            "quartz", "calcite"
+        )
+        rows, columns = (random.uniform(0, m - 1, 9000) for m in SHAPE)
+        weight = random.exponential(0.7, 9000)
+        dust = splat(SHAPE, rows, columns, weight, blur=0.7) * self.is_("plagioclase", "microcline", "augite", "glass")
+        dust *= (0.5 + fractal(SHAPE, 60, 2, random) + self.between(-0.6, 0.6)).clip(0, 1.4)
+        clear = 1 - np.clip(0.55 * dots, 0, 0.85)
+        clear *= 1 - np.clip(0.45 * dust, 0, 0.7)
+        zircon = gaussian_filter(self.is_("zircon").astype(np.float32), 6)
+        return clear * (1 - np.clip(9 * zircon, 0, 0.55) * self.is_("biotite"))
 
 
-def _lath(
-    x: np.ndarray, y: np.ndarray, size: np.ndarray, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Texels of a crystal with straight faces and cut corners, and how far they lie inside (µm)."""
-    at, angle = random.uniform(-0.5, 0.5, 2) * SIZE_UM, random.uniform(0, np.pi)
-    half = size / 2 * random.uniform(0.6, 1.3, 2)
-    u = (x - at[0]) * np.cos(angle) + (y - at[1]) * np.sin(angle)
-    v = (y - at[1]) * np.cos(angle) - (x - at[0]) * np.sin(angle)
-    u = u + 0.03 * size[0] * noise(x.shape, (37, 53), random)
-    ends = half[0] + half[1] * 0.6 - np.abs(u) - 0.6 * np.abs(v)
-    inside = np.minimum(np.minimum(half[0] - np.abs(u), half[1] - np.abs(v)), 0.85 * ends)
-    chosen = inside > 0
-    return chosen, inside[chosen]
-
-
-def _crystals(
-    x: np.ndarray,
-    y: np.ndarray,
-    grain: np.ndarray,
-    kind: np.ndarray,
-    params: dict,
-    random: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Direction of vibration (rad) and retardation (nm) of every texel, with twins, zones and strain."""
-    names, n = list(MINERALS), len(kind)
-    turn = random.uniform(0, np.pi, n).astype(np.float32)
-    strong = np.array([MINERALS[name].birefringence for name in names])[kind]
-    # A random axis stands at an angle with a uniform cosine to the light; birefringence goes as sin².
-    seen = (1 - random.uniform(-0.95, 0.95, n) ** 2) * strong * params["thickness_um"] * 1e3
-    along = random.uniform(0, np.pi, n).astype(np.float32)
-    period = params["grain_um"] * random.uniform(0.05, 0.13, n).astype(np.float32)
-    phase = random.uniform(0, 1, n).astype(np.float32)
-    twin = np.array(
-        [("none", "lamellae", "undulose", "tartan", "thin").index(MINERALS[m].twin) for m in names]
+def _polish(random: np.random.Generator) -> np.ndarray:
+    """Scratches, nearly parallel in bundles, and pits; the share of light that they take."""
+    n = 240
+    bundle = random.uniform(0, np.pi, 5)
+    angle = bundle[random.integers(0, 5, n)] + random.normal(0, 0.05, n)
+    rows, columns, which = strokes(
+        random.uniform(0, 1, (n, 2)) * SHAPE,
+        angle,
+        np.exp(random.normal(4.9, 0.8, n)).clip(20, 1500),
+        bend=random.normal(0, 0.0005, n),
     )
-    style = twin[kind][grain]
-    across = x * np.cos(along)[grain] + y * np.sin(along)[grain]
-    beside = y * np.cos(along)[grain] - x * np.sin(along)[grain]
-    wide, far = across / period[grain] + 6 * phase[grain], beside / period[grain]
-    lamellae = (
-        np.sin(6.0 * wide) + 0.8 * np.sin(13.7 * wide) + 0.9 * np.sin(2.6 * wide + 0.5 * np.sin(0.4 * far))
+    depth = random.exponential(0.1, n)[which] * random.uniform(0.5, 1, rows.size)
+    lines = splat(SHAPE, rows, columns, depth, blur=0.7)
+    rows, columns = (random.uniform(0, m - 1, 700) for m in SHAPE)
+    pits = splat(SHAPE, rows, columns, random.exponential(1.6, 700), blur=1.1)
+    return np.clip(lines + 0.5 * pits, 0, 0.8)
+
+
+def _below(clear: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """What lies under the section: shadows of sloping boundaries, dust, bubbles in the cement."""
+    beside = np.roll(clear, tuple(random.integers(-5, 6, 2)), (0, 1))
+    lower = 0.97 * (1 - 0.35 * (1 - gaussian_filter(beside, 2.0)))
+    rows, columns = (random.uniform(0, m - 1, 260) for m in SHAPE)
+    lower *= 1 - np.clip(splat(SHAPE, rows, columns, random.exponential(9, 260), blur=2.2), 0, 0.7)
+    n = 9
+    starts = random.uniform(0, 1, (n, 2)) * SHAPE
+    r, c, which = strokes(
+        starts, random.uniform(0, np.pi, n), random.uniform(30, 160, n), bend=random.normal(0, 0.01, n)
     )
-    lamellae += 0.5 * noise(x.shape, (14, 20), random)  # some of them end in the crystal
-    angle = turn[grain]
-    angle = angle + np.where(style == 1, 0.42 / (1 + np.exp(-9 * (lamellae - 0.3))), 0)
-    angle += np.where(style == 2, 0.28 * cloudy(x.shape, 9, 3, random), 0)
-    bend, fine = 2.0 * noise(x.shape, (40, 56), random), noise(x.shape, (130, 180), random)
-    spindle = np.sin(9.0 * wide + bend + 0.7 * np.sin(1.9 * far)) + 0.5 * np.sin(16.3 * wide + 2 * bend)
-    weft = np.sin(8.0 * far - 1.3 * bend + 0.7 * np.sin(2.3 * wide)) + 0.5 * np.sin(14.1 * far - bend)
-    angle += np.where(style == 3, 0.24 * np.tanh(1.1 * (spindle + weft + 0.8 * fine)), 0)
-    gaps = np.mod(1.1 * wide + 0.32 * np.sin(2.3 * wide) + 0.2 * np.sin(5.1 * wide), 1)
-    lines = (np.abs(gaps - 0.5) < 0.05) & (noise(x.shape, (12, 17), random) > -0.35)
-    angle += np.where((style == 4) & lines, np.float32(0.75), 0)
-    zones = np.where(style == 1, 0.06 * cloudy(x.shape, 12, 2, random), 0)
-    wedge = 1 + 0.03 * noise(x.shape, (4, 6), random)  # the section is not quite even
-    return angle + zones, (seen[grain] * wedge).astype(np.float32)
-
-
-def _cracks(
-    x: np.ndarray, y: np.ndarray, grain: np.ndarray, kind: np.ndarray, random: np.random.Generator
-) -> np.ndarray:
-    """Cleavages, straight in each grain, and wandering cracks, 0..1."""
-    n = len(kind)
-    names = list(MINERALS)
-    cleaves = np.array([MINERALS[name].cleavage for name in names])[kind].astype(np.float32)
-    along, gap = random.uniform(0, np.pi, n).astype(np.float32), random.uniform(14, 40, n).astype(np.float32)
-    made = np.zeros(x.shape, dtype=np.float32)
-    for second in (0.0, 1.35):  # two sets, the other one weaker
-        place = (x * np.cos(along + second)[grain] + y * np.sin(along + second)[grain]) / gap[grain]
-        line = np.exp(-((np.abs(np.mod(place, 1) - 0.5) * gap[grain] / 1.3) ** 2))
-        broken = np.clip(0.3 + 1.4 * noise(x.shape, (45, 64), random), 0, 1)
-        made = np.maximum(made, line * broken * cleaves[grain] * (1.0 if second == 0 else 0.6))
-    wander = np.abs(cloudy(x.shape, 11, 4, random)) * 60.0
-    return np.maximum(made, 0.8 * np.exp(-((wander / 1.4) ** 2)) * (noise(x.shape, (8, 11), random) > 0))
+    lower *= 1 - np.clip(splat(SHAPE, r, c, random.uniform(0.1, 0.5, n)[which], blur=1.3), 0, 0.6)
+    row, column = np.ogrid[: SHAPE[0], : SHAPE[1]]
+    for _ in range(random.integers(2, 9)):
+        at, radius = random.uniform(0, 1, 2) * SHAPE, np.exp(random.normal(2.4, 0.55)).clip(5, 40)
+        flat = random.uniform(0.9, 1.1)
+        away = np.hypot((row - at[0]) * flat, (column - at[1]) / flat).astype(np.float32) / np.float32(radius)
+        rim = soft(1.03 - away, 0.08) * soft(away - 0.62, 0.42)
+        lower *= 1 - 0.8 * rim
+    return lower

@@ -1,4 +1,4 @@
-"""A thin section of rock under a microscope: light from below through crossed polarisers, a ring above.
+"""A thin section of rock under a microscope: light from below through a polariser, a ring above.
 
 World frame: millimetres, x right, y up in the picture, z towards the objective; the section lies
 ``height_um`` over the origin. It is two sheets that let light straight through; the upper one throws some of
@@ -11,11 +11,13 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from rock import SIZE_UM, layers
+from minerals import SIZE_UM
+from rock import layers
 from solids import grid
 from surfaces import mesh
 
 BELOW_UM = 12.0  # from the upper sheet to the lower
+RETURNED = 0.3  # of the light from above that does not pass, upwards
 LAMP_MM, LAMP_RADIUS_MM, LAMP_RADIANCE = -4.0, 6.0, 60.0  # opal glass; W m^-2 sr^-1
 RING_MM, RING_RADIUS_MM, PANEL_RADIUS_MM, RING_RADIANCE = 22.0, 15.0, 4.0, 200.0
 
@@ -24,7 +26,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     """Scene dictionary (millimetres, W m^-2 sr^-1) without sensor and integrator."""
     random = np.random.default_rng([1858, int(params["seed"])])
     upper, lower, back = layers(params, random)
-    through, thrown = _clear(upper), {"type": "diffuse", "reflectance": 0.9}
+    through, thrown = _clear(upper), {"type": "diffuse", "reflectance": RETURNED}
     stained = {"type": "blendbsdf", "weight": _picture(back), "through": through, "back": thrown}
     return {
         "type": "scene",

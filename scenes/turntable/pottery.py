@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from letters import drawn, lines
 from solids import Body, joined, rounded, tube, turned
+from stroke_font import drawn, lines
 from surfaces import cloudy, noise
 
 ROUND, TALL = 2400, 1100  # texels round a jar of 0.26 m and up its side of 0.13 m
@@ -25,14 +25,9 @@ def pot(form: str) -> tuple[Body, Body]:
     """The turned body, and its handles: two, or one on a pitcher."""
     outline, knots = OUTLINES[form]
     foot, shape = np.array(outline[:4]), rounded(outline[3:-1], steps=7)
-    side = 1e-3 * np.concatenate(
-        [foot[:-1], shape, outline[-1:], [(outline[-1][0] * 0.9, outline[-1][1] * 0.8)]]
-    )
+    side = 1e-3 * np.concatenate([foot[:-1], shape, outline[-1:], [(outline[-1][0] * 0.9, outline[-1][1] * 0.8)]])
     path = 1e-3 * rounded([(r, y, 0) for r, y in knots], steps=6)
-    arms = [
-        tube(path * [way, 1, 1], 0.0036, around=12, tone=0.09)
-        for way in ((1, -1) if form != "pitcher" else (1,))
-    ]
+    arms = [tube(path * [way, 1, 1], 0.0036, around=12, tone=0.09) for way in ((1, -1) if form != "pitcher" else (1,))]
     return turned(side, around=144), joined(arms)
 
 
@@ -52,9 +47,7 @@ def painted(style: str, random: np.random.Generator) -> np.ndarray:
     if style == "light":
         figure = 1 - figure
     stroke = 1 + 0.14 * noise(figure.shape, (TALL / 4, 60), random)
-    clay = CLAY * (
-        1 + 0.08 * cloudy(figure.shape, 12, 5, random) + 0.05 * noise(figure.shape, (TALL / 3, 6), random)
-    )
+    clay = CLAY * (1 + 0.08 * cloudy(figure.shape, 12, 5, random) + 0.05 * noise(figure.shape, (TALL / 3, 6), random))
     grey = clay + figure * (INK * stroke - clay)
     crackle = np.abs(noise(figure.shape, (30, 66), random)) < 0.012
     grey = np.where(crackle, 0.6 * grey, grey)
@@ -97,9 +90,7 @@ def _birds(rows: int) -> np.ndarray:
     """Water birds in a row: body, neck, head, bill, legs."""
     u, v = _across(rows, 12)
     body = np.hypot((u - 0.45) / 0.30, (v - 0.52) / 0.20) < 1
-    wing = (np.hypot((u - 0.42) / 0.20, (v - 0.49) / 0.09) < 1) & (
-        np.hypot((u - 0.42) / 0.16, (v - 0.49) / 0.05) > 1
-    )
+    wing = (np.hypot((u - 0.42) / 0.20, (v - 0.49) / 0.09) < 1) & (np.hypot((u - 0.42) / 0.16, (v - 0.49) / 0.05) > 1)
     neck = np.abs(u - 0.74 - 0.05 * np.sin(9 * v)) < 0.035
     neck &= (v > 0.14) & (v < 0.5)
     head = np.hypot((u - 0.79) / 0.075, (v - 0.15) / 0.07) < 1

@@ -40,9 +40,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
         "type": "scene",
         "jar": mesh("jar", placed(body, foot, turn=start), glaze),
         "handles": mesh("handles", placed(handles, foot, turn=start), plain),
-        "plate": mesh(
-            "plate", placed(_disc(), foot, turn=start), matte(texture(pottery.scale_ring())), smooth=False
-        ),
+        "plate": mesh("plate", placed(_disc(), foot, turn=start), matte(texture(pottery.scale_ring())), smooth=False),
         "rim": mesh("rim", placed(_rim(), foot, turn=start), plain),
         "motor": mesh("motor", placed(_motor(), at), plain, smooth=False),
         "pots": mesh("pots", joined(pots), other),

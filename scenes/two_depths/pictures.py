@@ -15,9 +15,7 @@ def doll(contrast: float, random: np.random.Generator) -> np.ndarray:
     x = ((np.arange(columns, dtype=np.float32) + 0.5) * TEXEL_MM - ROUND_MM / 2)[None, :]
     y = (TOP_MM - (np.arange(rows, dtype=np.float32) + 0.5) * TEXEL_MM)[:, None]
     x, y = np.broadcast_arrays(x, y)
-    dark, middle, light = (
-        float(random.uniform(*span)) for span in ((0.05, 0.09), (0.16, 0.28), (0.55, 0.68))
-    )
+    dark, middle, light = (float(random.uniform(*span)) for span in ((0.05, 0.09), (0.16, 0.28), (0.55, 0.68)))
     grey = np.where(y > 88, dark, middle).astype(np.float32)  # kerchief, blouse
     grey[y < 34] = dark
     dots = np.hypot(np.mod(x, 8.6) - 4.3, np.mod(y, 8.6) - 4.3)
@@ -41,9 +39,7 @@ def doll(contrast: float, random: np.random.Generator) -> np.ndarray:
     grey[np.hypot(np.mod(x, 9.5) - 4.75, y - 28.5 - 2.0 * np.sign(np.sin(x * 2 * np.pi / 19))) < 1.0] = light
     for _ in range(26):  # sprigs round the sides and the back
         side = float(random.uniform(50, 92)) * float(random.choice([-1, 1]))
-        _leaf(
-            grey, x - side, y - float(random.uniform(40, 80)), float(random.uniform(0, 6.3)), 4.6, dark, light
-        )
+        _leaf(grey, x - side, y - float(random.uniform(40, 80)), float(random.uniform(0, 6.3)), 4.6, dark, light)
     _face(grey, x, y - 112, (dark, middle, light))
     mean = 0.30
     brush = noise(grey.shape, (rows / 3, columns / 40), random)
@@ -52,12 +48,7 @@ def doll(contrast: float, random: np.random.Generator) -> np.ndarray:
 
 
 def _rose(
-    grey: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    size: float,
-    tones: tuple[float, ...],
-    random: np.random.Generator,
+    grey: np.ndarray, x: np.ndarray, y: np.ndarray, size: float, tones: tuple[float, ...], random: np.random.Generator
 ) -> None:
     """Layers of petals, each a dented round, in alternating tones."""
     near = (np.abs(x) < size) & (np.abs(y) < size)
@@ -70,9 +61,7 @@ def _rose(
     grey[near] = here
 
 
-def _leaf(
-    grey: np.ndarray, x: np.ndarray, y: np.ndarray, angle: float, size: float, tone: float, vein: float
-) -> None:
+def _leaf(grey: np.ndarray, x: np.ndarray, y: np.ndarray, angle: float, size: float, tone: float, vein: float) -> None:
     near = (np.abs(x) < size) & (np.abs(y) < size)
     u = (x[near] * np.cos(angle) + y[near] * np.sin(angle)) / size
     v = (y[near] * np.cos(angle) - x[near] * np.sin(angle)) / size
@@ -103,9 +92,7 @@ def _face(grey: np.ndarray, x: np.ndarray, y: np.ndarray, tones: tuple[float, ..
         cheek = np.exp(-((np.hypot(u - 1.6, y + 6) / 2.8) ** 2))
         grey -= np.where(inside, 0.20 * cheek, 0).astype(np.float32)
     grey[(np.abs(x) < 1.5 - 0.6 * np.abs(x)) & (np.abs(y + 4.6) < 0.35)] = 0.2
-    smile = (np.abs(y + 9.4 - 0.09 * x**2) < 0.95 * np.sqrt(np.clip(1 - (x / 3.4) ** 2, 0, 1))) & (
-        np.abs(x) < 3.4
-    )
+    smile = (np.abs(y + 9.4 - 0.09 * x**2) < 0.95 * np.sqrt(np.clip(1 - (x / 3.4) ** 2, 0, 1))) & (np.abs(x) < 3.4)
     grey[smile] = 0.12
     grey[np.hypot(x, y + 21) < 2.6] = light
     for side in (-1, 1):  # the knot of the kerchief

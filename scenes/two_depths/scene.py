@@ -29,11 +29,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     painted = texture(pictures.doll(float(params["contrast"]), random))
     coat = mi.load_dict(glossy(painted, 0.22))
     body = _doll()
-    names = (
-        {"near": "target", "far": "other"}
-        if params["target"] == "near"
-        else {"near": "other", "far": "target"}
-    )
+    names = {"near": "target", "far": "other"} if params["target"] == "near" else {"near": "other", "far": "target"}
     plate = mi.load_dict(glossy(texture(pictures.box(random), repeat=(1, 4.5)), 0.25))
     scene: dict[str, Any] = {}
     for which, name in names.items():
@@ -49,9 +45,7 @@ def motion(params: dict[str, Any]) -> dict[str, Any]:
     name = "target" if params["turns"] == params["target"] else "other"
     half = float(params["turn_deg"]) / 2
     frames = [{"time_s": 0.0, "rotate_deg": -half}, {"time_s": 1.0, "rotate_deg": half}]
-    return {
-        name: {"axis": [0, 1, 0], "centre_m": _place(params, params["turns"]).tolist(), "keyframes": frames}
-    }
+    return {name: {"axis": [0, 1, 0], "centre_m": _place(params, params["turns"]).tolist(), "keyframes": frames}}
 
 
 def _place(params: dict[str, Any], which: str) -> np.ndarray:
@@ -71,9 +65,7 @@ def _doll() -> Body:
 def _foot() -> Body:
     """A low round box with inlays."""
     rim = LIFT_M
-    return turned(
-        [(0.036, 0), (0.037, 0.001), (0.037, rim - 0.0015), (0.036, rim - 0.0003), (0, rim - 0.0003)]
-    )
+    return turned([(0.036, 0), (0.037, 0.001), (0.037, rim - 0.0015), (0.036, rim - 0.0003), (0, rim - 0.0003)])
 
 
 def _shelf(random: np.random.Generator) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from letters import stamp, word
+from broad_pen import stamp, word
 from patterns import cloudy, noise
 
 WIDTH_MM, HEIGHT_MM = 420.0, 297.0

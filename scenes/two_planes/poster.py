@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from letters import stamp, word
+from broad_pen import stamp, word
 from patterns import cloudy, noise
 
 WIDTH_MM, HEIGHT_MM = 60.0, 76.0
@@ -105,9 +105,4 @@ def _lettering(grey, up, texel_mm, random) -> None:
     line(NAMES[int(random.integers(len(NAMES)))], 6.0, 12.2, 0.82, pen=0.2, contrast=2.2)
     hour, minute = random.integers(6, 22), random.integers(0, 60)
     line(f"DAILY AT {hour}.{minute:02d} - ALL STATIONS", 1.9, 7.2, 0.74)
-    line(
-        f"TICKETS AT COUNTER {random.integers(1, 30)} - No {random.integers(10000, 99999)}".upper(),
-        1.3,
-        4.6,
-        0.62,
-    )
+    line(f"TICKETS AT COUNTER {random.integers(1, 30)} - No {random.integers(10000, 99999)}".upper(), 1.3, 4.6, 0.62)

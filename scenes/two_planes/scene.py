@@ -47,10 +47,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
     planes = {
         "near": sheet(placed(card, *lean), WIDTH_MM * M_PER_MM, HEIGHT_MM * M_PER_MM, face),
         "far": sheet(
-            placed(plan),
-            MAP_WIDTH_MM * M_PER_MM,
-            MAP_HEIGHT_MM * M_PER_MM,
-            matte(citymap(MAP_TEXEL_MM, random)),
+            placed(plan), MAP_WIDTH_MM * M_PER_MM, MAP_HEIGHT_MM * M_PER_MM, matte(citymap(MAP_TEXEL_MM, random))
         ),
     }
     chosen = params["target"]
@@ -68,11 +65,7 @@ def build(params: dict[str, Any]) -> dict[str, Any]:
 def _lights(azimuth_deg: float, side: float, target: tuple[float, float, float]) -> dict[str, Any]:
     """Desk lamp, set to give the target the same light from any side; a window opposite the poster."""
     azimuth = np.radians(azimuth_deg)
-    lamp = (
-        target[0] + LAMP_AWAY * np.sin(azimuth),
-        target[1] + LAMP_UP,
-        target[2] + LAMP_AWAY * np.cos(azimuth),
-    )
+    lamp = (target[0] + LAMP_AWAY * np.sin(azimuth), target[1] + LAMP_UP, target[2] + LAMP_AWAY * np.cos(azimuth))
     radiance = radiance_for(LAMP_IRRADIANCE, lamp, LAMP_SIZE, target, (0.0, 0.0, 1.0))
     window = -side * 1.25, 0.65, 0.25
     return {

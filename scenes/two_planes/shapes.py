@@ -6,6 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 Vector = tuple[float, float, float]
@@ -58,9 +59,7 @@ def panel(origin: Vector, towards: Vector, size: tuple[float, float], radiance: 
     }
 
 
-def radiance_for(
-    irradiance: float, origin: Vector, size: tuple[float, float], place: Vector, normal: Vector
-) -> float:
+def radiance_for(irradiance: float, origin: Vector, size: tuple[float, float], place: Vector, normal: Vector) -> float:
     """Radiance of a small panel, aimed at a place, that gives it this irradiance (W m^-2): E d²/(A cos)."""
     to_lamp = np.subtract(origin, place)
     distance = float(np.linalg.norm(to_lamp))
@@ -68,9 +67,7 @@ def radiance_for(
     return irradiance * distance**2 / (size[0] * size[1] * cosine)
 
 
-def turned(
-    name: str, outline: list[tuple[float, float]], pose: Any, bsdf: dict[str, Any], around: int = 48
-) -> mi.Mesh:
+def turned(name: str, outline: list[tuple[float, float]], pose: Any, bsdf: dict[str, Any], around: int = 48) -> mi.Mesh:
     """Surface of revolution about the pose's y axis; v runs along the outline of (radius, height) in m."""
     radius, height = np.array(outline).T
     along = np.concatenate([[0], np.cumsum(np.hypot(np.diff(radius), np.diff(height)))])

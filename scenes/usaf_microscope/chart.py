@@ -57,9 +57,7 @@ def numeral(number: int, height: float) -> np.ndarray:
         start, stop = _NODES[a], _NODES[b]
         along = (stop - start) / np.linalg.norm(stop - start) * _PEN / 2
         across = np.array([-along[1], along[0]])
-        quads.append(
-            [start - along - across, stop + along - across, stop + along + across, start - along + across]
-        )
+        quads.append([start - along - across, stop + along - across, stop + along + across, start - along + across])
     return np.array(quads) * height / 2
 
 
@@ -91,9 +89,7 @@ def specks(count: int, half: tuple[float, float], random: np.random.Generator) -
     for s in size:
         at = random.uniform(-1, 1, 2) * half
         for _ in range(2):
-            angle = np.sort(
-                random.uniform(0, 2 * np.pi) + np.arange(4) * np.pi / 2 + random.uniform(-0.4, 0.4, 4)
-            )
+            angle = np.sort(random.uniform(0, 2 * np.pi) + np.arange(4) * np.pi / 2 + random.uniform(-0.4, 0.4, 4))
             ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * random.uniform(0.5, 1.0, (1, 2))
             quads.append(at + ring * s / 2)
     return np.array(quads).reshape(-1, 4, 2)

@@ -41,9 +41,7 @@ def _blank(size_um: tuple[float, float]) -> np.ndarray:
     return np.ones((round(size_um[1] / TEXEL_UM), round(size_um[0] / TEXEL_UM)), np.float32)
 
 
-def _window(
-    image: np.ndarray, at: np.ndarray, reach: float
-) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
+def _window(image: np.ndarray, at: np.ndarray, reach: float) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
     """The part of an image round a point (µm), and the coordinates there, counted from the point."""
     spans = []
     for place, n in ((at[1], image.shape[0]), (at[0], image.shape[1])):
@@ -85,18 +83,12 @@ def _scratch(
     image *= 1 - loss
 
 
-def grains(
-    count: int, half: tuple[float, float], random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def grains(count: int, half: tuple[float, float], random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Dust on the plane z = 0: vertices (µm) and faces; flat lumps of 3 to 22 µm with uneven outlines."""
     ball, faces = _ball()
     vertices = []
     for size in 3.0 + random.exponential(3.0, count).clip(max=19.0):
-        lump = (
-            ball
-            * (1 + 0.45 * _ripple(ball, random))[:, None]
-            * random.uniform([0.6, 0.35, 0.25], [1, 0.8, 0.5])
-        )
+        lump = ball * (1 + 0.45 * _ripple(ball, random))[:, None] * random.uniform([0.6, 0.35, 0.25], [1, 0.8, 0.5])
         angle = random.uniform(0, 2 * np.pi)
         c, s = np.cos(angle), np.sin(angle)
         lump = lump @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) * size / 2
@@ -117,11 +109,7 @@ def _ball(rings: int = 9, around: int = 14) -> tuple[np.ndarray, np.ndarray]:
     up = np.linspace(0, np.pi, rings)
     on = np.arange(around) * 2 * np.pi / around
     points = np.stack(
-        [
-            np.outer(np.sin(up), np.cos(on)),
-            np.outer(np.sin(up), np.sin(on)),
-            np.outer(np.cos(up), np.ones(around)),
-        ],
+        [np.outer(np.sin(up), np.cos(on)), np.outer(np.sin(up), np.sin(on)), np.outer(np.cos(up), np.ones(around))],
         axis=-1,
     ).reshape(-1, 3)
     return points, _skin(rings, around)
@@ -132,10 +120,7 @@ def _skin(rings: int, around: int) -> np.ndarray:
     ring, k = np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
     a, b = ring * around + k, ring * around + (k + 1) % around
     return np.concatenate(
-        [
-            np.stack([a, a + around, b], -1).reshape(-1, 3),
-            np.stack([b, a + around, b + around], -1).reshape(-1, 3),
-        ]
+        [np.stack([a, a + around, b], -1).reshape(-1, 3), np.stack([b, a + around, b + around], -1).reshape(-1, 3)]
     )
 
 

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 from chart import chart, specks
 from plate import glass, grains, holes, lint
+
 from saf_gen.render.meshes import make_mesh
 
 PLATE_UM = (1500.0, 1260.0)  # wider than the field of 800 µm × 500 µm, turned, blurred and drifted
@@ -59,9 +60,7 @@ def _pose(params: dict[str, Any]) -> Any:
     azimuth = np.radians(params["tilt_azimuth_deg"])
     axis = [float(np.cos(azimuth)), float(np.sin(azimuth)), 0.0]
     t = mi.ScalarTransform4f()
-    return (
-        t.translate([0, 0, params["height_um"] * MM_PER_UM]).rotate(axis, params["tilt_deg"]).scale(MM_PER_UM)
-    )
+    return t.translate([0, 0, params["height_um"] * MM_PER_UM]).rotate(axis, params["tilt_deg"]).scale(MM_PER_UM)
 
 
 def _scaled(half: tuple[float, float]) -> Any:
@@ -76,9 +75,7 @@ def _turned(quads: np.ndarray, degrees: float) -> np.ndarray:
 def _fibre(corner: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Lint across one corner of the field."""
     start = corner * (random.uniform(130, 330), random.uniform(60, 170))
-    return lint(
-        start, float(np.arctan2(*corner[::-1]) + random.choice([-1, 1]) * random.uniform(0.5, 1.4)), random
-    )
+    return lint(start, float(np.arctan2(*corner[::-1]) + random.choice([-1, 1]) * random.uniform(0.5, 1.4)), random)
 
 
 def _picture(values: np.ndarray) -> dict[str, Any]:
@@ -127,9 +124,7 @@ def _solid(name: str, body: tuple[np.ndarray, np.ndarray], pose: Any, reflectanc
     return _mesh(name, *body, pose, bsdf)
 
 
-def _mesh(
-    name: str, points: np.ndarray, faces: np.ndarray, pose: Any, bsdf: dict[str, Any], uv: Any = None
-) -> mi.Mesh:
+def _mesh(name: str, points: np.ndarray, faces: np.ndarray, pose: Any, bsdf: dict[str, Any], uv: Any = None) -> mi.Mesh:
     matrix = np.array(pose.matrix, dtype=np.float64)
     placed = points @ matrix[:3, :3].T + matrix[:3, 3]
     return make_mesh(name, placed, faces=faces, bsdf=bsdf, uv=uv, smooth=uv is None)

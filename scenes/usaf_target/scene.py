@@ -13,6 +13,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+
 from saf_gen.render.meshes import make_mesh
 
 Polygons = list[np.ndarray]

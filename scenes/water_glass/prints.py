@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from letters import drawn, lines
 from solids import Body
+from stroke_font import drawn, lines
 
 CELL_MM = 0.2  # a pixel sees 0.22 to 0.25 mm
 HALF_MM, TOP_MM = 24.0, 62.0  # of the printed part, to both sides of the front, and up

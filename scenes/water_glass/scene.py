@@ -15,9 +15,7 @@ from surfaces import cloudy, matte, mesh, noise, panel, texture, tones
 
 BASE_MM, RIM_MM = 7.0, 104.0
 WATER, GLASS = 1.33, 1.5
-FILM_MM = (
-    0.15  # of air, between what lies on the wall and the wall; Mitsuba's rays start 0.09 units off a surface
-)
+FILM_MM = 0.15  # of air, between what lies on the wall and the wall; Mitsuba's rays start 0.09 units off a surface
 WINDOW_Z, WINDOW_MM = -330.0, (900.0, 560.0)
 WINDOW, LAMP, ROOM = 3.2, 2.4, 0.2  # W m^-2 sr^-1
 SELDOM = 0.1  # rays towards the room, which chance finds often enough
@@ -55,13 +53,7 @@ def _tumbler(radius: float, level: float) -> dict[str, tuple[Body, dict[str, Any
     crest = level + 1.6
     base = [(0, 0.2), (radius - 1.5, 0.2), (radius, 1.4), (radius, BASE_MM - 0.2)]
     ring = [(radius + 0.8 * np.sin(a), RIM_MM - 0.8 * np.cos(a)) for a in np.linspace(0, 2 * np.pi, 13)]
-    top = [
-        (radius, crest),
-        (radius - 0.5, level + 0.75),
-        (radius - 1.6, level + 0.2),
-        (radius - 4, level),
-        (0, level),
-    ]
+    top = [(radius, crest), (radius - 0.5, level + 0.75), (radius - 1.6, level + 0.2), (radius - 4, level), (0, level)]
     parts = {
         "base": (turned(base, around=192), clear(GLASS)),
         "base_top": (turned([(radius, BASE_MM - 0.2), (0, BASE_MM - 0.2)], around=192), clear(GLASS)),
@@ -83,10 +75,7 @@ def _straw(radius: float, lean_deg: float) -> Body:
 
 def _steel() -> dict[str, Any]:
     """Brushed stainless steel; principled, whose light paths share what they find."""
-    return {
-        "type": "twosided",
-        "bsdf": {"type": "principled", "metallic": 1.0, "base_color": 0.58, "roughness": 0.15},
-    }
+    return {"type": "twosided", "bsdf": {"type": "principled", "metallic": 1.0, "base_color": 0.58, "roughness": 0.15}}
 
 
 def _cloth(random: np.random.Generator) -> np.ndarray:

@@ -13,11 +13,7 @@ GROWN_MM, LARGEST_MM = 0.75, 1.9
 
 
 def drops(
-    count: int,
-    radius: float,
-    level: float,
-    ink: Callable[[float, float, float], bool],
-    random: np.random.Generator,
+    count: int, radius: float, level: float, ink: Callable[[float, float, float], bool], random: np.random.Generator
 ) -> Body:
     """Caps with a flat back, a little longer than wide; none touches another, none lies on ink."""
     made, places = [], []

@@ -9,23 +9,16 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import tools
 from solids import Body, box, grid, joined, placed, turning
 from surfaces import cloudy, glossy, matte, mesh, noise, panel, texture, tones
+
+import tools
 
 RULE_MM, THICK, RULE_TEXEL = (150.0, 25.0), 1.0, 0.07  # a pixel sees 0.3 mm
 WINDOW, LAMP, ROOM = 1.6, 7.0, 0.18  # W m^-2 sr^-1
 BENCH_MM, TILE_TEXELS = 160.0, 1100
 # Screws that lie about: x, z, how turned; the rule is kept free.
-SCREWS = (
-    (-34, 38, 20),
-    (-18, 47, 130),
-    (30, 36, -40),
-    (44, 50, 75),
-    (4, 50, 10),
-    (-48, -34, 60),
-    (-58, 22, -75),
-)
+SCREWS = ((-34, 38, 20), (-18, 47, 130), (30, 36, -40), (44, 50, 75), (4, 50, 10), (-48, -34, 60), (-58, 22, -75))
 CURLS = ((58, 34), (-50, 30), (20, -112), (-80, -60), (74, -20), (-12, -130))
 
 

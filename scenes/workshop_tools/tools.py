@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from clay import Clay
-from letters import drawn, lines
 from solids import Body, ball, grid, joined, placed, tube, turned, turning
+from stroke_font import drawn, lines
 from surfaces import cloudy, noise
 
 
@@ -105,14 +105,7 @@ def pencil() -> Body:
     """A six-sided pencil along x, sharpened, with a printed band."""
     a = np.linspace(0, 2 * np.pi, 7)
     rows, tone = [], []
-    paint = [
-        (-70, 3.9, 0.10),
-        (-52, 3.9, 0.10),
-        (-52, 3.9, 0.6),
-        (-49, 3.9, 0.6),
-        (-49, 3.9, 0.10),
-        (50, 3.9, 0.10),
-    ]
+    paint = [(-70, 3.9, 0.10), (-52, 3.9, 0.10), (-52, 3.9, 0.6), (-49, 3.9, 0.6), (-49, 3.9, 0.10), (50, 3.9, 0.10)]
     for x, r, t in (*paint, (50, 3.8, 0.5), (64, 1.1, 0.5), (64, 1.1, 0.05), (69, 0.1, 0.05)):
         rows.append(np.stack([0 * a + x, r * np.cos(a), r * np.sin(a)], axis=1))
         tone.append([t] * 7)

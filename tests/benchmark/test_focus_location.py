@@ -22,7 +22,7 @@ from saf_gen.stream.stream_writer import write_stream
 
 FRAMES = 800
 UP = np.linspace(0, 1, FRAMES, dtype=np.float32)
-PART = np.linspace(0.5, 1, FRAMES, dtype=np.float32)  # as in recipes/saf_bench.yaml
+PART = np.linspace(0.5, 1, FRAMES, dtype=np.float32)  # of the travel
 THERE_AND_BACK = np.concatenate([UP[::2], UP[::-2]]) * np.float32(0.5)
 
 

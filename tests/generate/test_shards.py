@@ -30,8 +30,6 @@ BEYOND = {
     ("learned", 16): 1.23,
     ("sad_synthetic", 16): 1.23,
     ("sad_synthetic", 32): 1.29,
-    ("saf_bench", 32): 1.24,
-    ("saf_bench-v3_stress", 32): 1.21,
     ("saf_live", 8): 1.23,
     ("saf_live", 16): 1.33,
     ("saf_live", 32): 1.56,
@@ -145,7 +143,7 @@ def test_stacks_shared_by_lights_and_ways_of_the_lens_are_dealt_out_once(tmp_pat
 
 
 def test_shares_of_a_split_make_that_split(shipped):
-    whole = shipped["saf_bench"]
+    whole = shipped["sad_synthetic"]
     of_test = replace(whole, sequences=tuple(s for s in whole.sequences if s.planned.split == "test"))
     shares = share_out(of_test, 8)
     recorded = {stack for share in shares for stack in (*share.whole, *share.cut)}

@@ -18,7 +18,7 @@ FILLED = {
     'licence: ""': "licence: Apache-2.0",
     'date: ""': 'date: "2026-11-22"',
     'method: ""': "method: method.py:Mine+argmax",
-    "dataset: saf_bench-v2": "dataset: small",
+    "dataset: saf_bench-v3": "dataset: small",
     ": false": ": true",
 }
 
@@ -111,8 +111,8 @@ def test_a_measure_of_a_file_may_be_handed_in_divided_by_brightness_and_from_int
 
 def test_another_dataset_than_the_card_names_is_reported(folder, dataset):
     assert "dataset" not in errors(folder, dataset=dataset)
-    edit(folder, "dataset: small", "dataset: saf_bench")
-    assert errors(folder, dataset=dataset)["dataset"] == f"the card names saf_bench, but {dataset} is small"
+    edit(folder, "dataset: small", "dataset: saf_bench-v3")
+    assert errors(folder, dataset=dataset)["dataset"] == f"the card names saf_bench-v3, but {dataset} is small"
 
 
 def test_a_file_that_is_no_python_is_reported(folder):

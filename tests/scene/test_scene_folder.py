@@ -1,7 +1,6 @@
-"""Scene folders: cards, families, light groups, the library, and the digest of everything that changes a pixel."""
+"""Scene folders: cards, families, light groups, the kit, and the digest of everything that changes a pixel."""
 
 import errno
-import hashlib
 import shutil
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ from refusals import refusal
 from saf_gen.optics import FocalLengthDrive, ImageDistanceDrive, Stage
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES, split_schedule
 from saf_gen.render import backend, mitsuba_scene
-from saf_gen.scene import library
+from saf_gen.scene import scene_folder
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.scene.trusted_folders import forget_folder, register_folder
 from saf_gen.stack.focal_stack import StackSpec, StackStore
@@ -62,7 +61,7 @@ STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, tr
         ("id: plane", "id: plane\nunit_m: 0", 2, "unit_m is 0; allowed: greater than 0"),
         ("target: [plane]", "target: []", 10, "target is []"),
         ("  room: [room]", "  room: []", 9, "light group 'room' is empty"),
-        ("id: plane", "id: plane\nlibrary: {letters: broad_pen}", 2, "did you mean 'broad_pen_1'?"),
+        ("id: plane", "id: plane\nkit: [broadpen]", 2, "did you mean 'broad_pen'?"),
         ("id: plane", "id: plane\nparams: {made: !!timestamp 2024-05-01}", 2, "params.made is the date 2024-05-01"),
         ("id: plane", "id: plane\nparams: {ink: {uniform: [0, .inf]}}", 2, "uniform is [0, inf]"),
         (MACRO, LIQUID.replace("image_distance_mm", "focal_length_mm"), 6, "'focal_length_mm'"),
@@ -124,56 +123,45 @@ def test_the_digest_sees_geometry_and_not_prose(edited, plane):
     assert len({before, changed, find_scene("plane").digest}) == 3
 
 
-# --- the library --------------------------------------------------------------------------------------
+# --- the kit ------------------------------------------------------------------------------------------
 
 
-def test_a_library_module_never_changes():
-    """After an edit every scene that uses it would be rendered again: write a new version instead."""
-    digests = {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in library.MODULES.items()}
-    assert digests == {
-        "broad_pen_1": "002625c8ef6c69b9839516cd2d8c59232dffea20045792f7cc0221b6135febe4",
-        "clay_1": "d02546064af298cad51a200c3f03aa31a003e7daff7ad30a9991594fb50d0816",
-        "fibres_1": "6a19bc69434e2161db7a51cad62cdbdfe7813f46f110d819b0f26c406b42a0b6",
-        "knit_1": "27d5c4fd0d702a46bc68f8646fc3b0fd25c7ad4d2e2f78792b52c1ae08c130a7",
-        "living_room_1": "7327446440f305a4f518312180a05d2d3a42cf25c7bd495e7e4ebae043a3cb21",
-        "rasters_1": "e22696d8b523691253b6a0ab1c5acd944ad3443ae3ab6c0db6e85171c954eedf",
-        "solid_noise_1": "7098777983d09b0ebcbbf134c2d37c717bc748524b4951ec199a34ab884178f1",
-        "solids_1": "7077d487b6e06923aa12437739d43ba221454ea19746bb2ca56c8c202af089e8",
-        "stroke_font_1": "31997152c1cbfc150d52a7ec45d9713f8d0fef26497460451b6f1a0ef56bd100",
-        "subdivision_1": "c30d647a256d2631b4737e5144bbc72bc6a3b26fdb67989bd588fcc88517326f",
-        "surfaces_1": "ef11ff83e375fdad11fef327f35f0b1450a9edbc4b52040d630bd13ff3e64319",
-        "typeface_1": "409f6e8b2d16ccb76c66175094e3d797ccc8b7244f469ab327894e523034122f",
-    }
-
-
-@pytest.mark.parametrize(
-    ("name", "digest"),
-    [
-        ("bookshelf", "67a1018e6974c2d68aea581cf02d1b393afd52b4a8c6e20cab676eebd83e8d3e"),
-        ("fan", "16e860b9de757ba966460fffe9dfc11d9dbcb36f7b3f383d75648f9da5caf2e1"),
-        ("two_planes", "6fe7c14ebc150e3b634207a1d7c24d7419aba92c31b75e04928ccfc1d0ae0569"),
-    ],
-)
-def test_scenes_that_use_the_library_keep_the_digest_of_their_own_file(name, digest):
-    assert find_scene(name).digest == digest
-
-
-@pytest.mark.parametrize("module", sorted(library.MODULES))
-def test_a_library_module_is_the_file_that_the_script_imports(plane, module):
-    """The script and the digest are the same if the module is a file of the folder."""
+@pytest.mark.parametrize("modules", [["broad_pen"], ["surfaces", "knit"]])
+def test_a_module_of_the_kit_is_the_file_that_the_script_imports(plane, modules):
+    """The script and the digest are the same if the modules are files of the folder."""
     backend.activate_backend("scalar")
-    script = plane / "scene.py"
-    script.write_text(f"import letters\nassert letters.__name__ == 'letters'\n{script.read_text()}")
-    (plane / "letters.py").write_bytes(library.MODULES[module].read_bytes())
+    name, script, card = modules[-1], plane / "scene.py", plane / "scene.yaml"
+    script.write_text(f"import {name}\nassert {name}.__name__ == {name!r}\n{script.read_text()}")
+    for module in modules:
+        (plane / f"{module}.py").write_bytes(scene_folder.kit_modules()[module].read_bytes())
     local = find_scene("plane")
     described = set(mitsuba_scene.scene_dict(local))
-    card = plane / "scene.yaml"
-    card.write_text(f"{card.read_text()}\nlibrary: {{letters: {module}}}\n")
-    assert "'letters'" in refusal(find_scene, "plane").problem  # there are two of this name
-    (plane / "letters.py").unlink()
+    card.write_text(f"{card.read_text()}\nkit: [{', '.join(modules)}]\n")
+    assert repr(modules[0]) in refusal(find_scene, "plane").problem  # there are two of this name
+    for module in modules:
+        (plane / f"{module}.py").unlink()
     shared = find_scene("plane")
     assert shared.digest == local.digest
     assert set(mitsuba_scene.scene_dict(shared)) == described
+
+
+def test_a_module_of_the_kit_that_the_card_does_not_list_is_not_imported(plane):
+    """Otherwise the digest would not cover it."""
+    script = plane / "scene.py"
+    script.write_text(f"import broad_pen\n{script.read_text()}")
+    backend.activate_backend("scalar")
+    assert "No module named 'broad_pen'" in refusal(mitsuba_scene.scene_dict, find_scene("plane")).problem
+
+
+def test_an_edit_of_the_kit_gives_the_scenes_that_list_it_another_digest(plane, tmp_path, monkeypatch):
+    card = plane / "scene.yaml"
+    before = {"": find_scene("plane").digest}
+    card.write_text(f"{card.read_text()}\nkit: [clay]\n")
+    before["kit"] = find_scene("plane").digest
+    edited = tmp_path / "clay.py"
+    edited.write_bytes(scene_folder.kit_modules()["clay"].read_bytes() + b"\n")
+    monkeypatch.setattr(scene_folder, "kit_modules", lambda: {"clay": edited})
+    assert len({*before.values(), find_scene("plane").digest}) == 3
 
 
 # --- a scene is a family ----------------------------------------------------------------------------
