@@ -7,6 +7,7 @@ COPY tools/package_page.py tools/
 COPY saf_gen saf_gen
 COPY scenes scenes
 COPY recipes recipes
+COPY datasets/sample datasets/sample
 RUN python -m pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 
 FROM python:3.12-slim-trixie

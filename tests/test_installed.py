@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -18,23 +19,27 @@ from saf_gen.generate.recipe import find_recipe, recipe_names
 CHECKOUT = Path(saf_gen.__file__).resolve().parents[1]
 
 
+def build_wheel(source, target, **environment):
+    """Build a wheel of the files in ``source`` into the folder ``target`` and return its path."""
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", target]
+    done = subprocess.run(build, cwd=source, capture_output=True, text=True, env={**os.environ, **environment})
+    assert done.returncode == 0, done.stderr
+    (wheel,) = target.glob("*.whl")
+    return wheel
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """A folder with the unpacked wheel and an empty working folder."""
     folder = tmp_path_factory.mktemp("installed")
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder]
-    subprocess.run(build, cwd=CHECKOUT, check=True, capture_output=True)
-    (wheel,) = folder.glob("*.whl")
-    ZipFile(wheel).extractall(folder / "site")
+    ZipFile(build_wheel(CHECKOUT, folder)).extractall(folder / "site")
     (folder / "empty").mkdir()
     return folder
 
 
 def test_links_of_the_package_page_lead_into_the_released_version_of_the_checkout(tmp_path):
     where = {"GITHUB_SERVER_URL": "https://host.example", "GITHUB_REPOSITORY": "lab/saf", "GITHUB_REF_NAME": "v9"}
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path]
-    subprocess.run(build, cwd=CHECKOUT, check=True, capture_output=True, env={**os.environ, **where})
-    (wheel,) = tmp_path.glob("*.whl")
+    wheel = build_wheel(CHECKOUT, tmp_path, **where)
     metadata = ZipFile(wheel).read(f"{wheel.name.removesuffix('-py3-none-any.whl')}.dist-info/METADATA").decode()
     head, page = metadata.split("\n\n", 1)
     assert "Project-URL: Issues, https://host.example/lab/saf/issues" in head
@@ -93,6 +98,47 @@ def test_what_was_installed_lists_and_plans_in_an_empty_folder(installed):
     assert "usaf_target-sudden-00" in plan
     assert Path(found.strip()).is_relative_to(installed / "site")
     assert not list((installed / "empty").iterdir())
+
+
+def docker_copies():
+    """Return the files and folders that the Dockerfile copies before it builds the wheel, each with its target."""
+    _, stage, _ = (CHECKOUT / "Dockerfile").read_text().split("\nFROM ")
+    for words in re.findall(r"^COPY (.+)$", stage, re.MULTILINE):
+        *sources, target = words.split()
+        yield from ((source, target + Path(source).name if target.endswith("/") else target) for source in sources)
+
+
+def apptainer_copies():
+    """Return the files and folders that saf-gen.def copies, each with its target in the folder of the build."""
+    section = (CHECKOUT / "saf-gen.def").read_text().split("%files\n")[1].split("\n\n")[0]
+    for line in section.splitlines():
+        source, target = line.split()
+        yield source, target.removeprefix("/src/")
+
+
+def copy_all(copies, folder):
+    """Copy these files and folders of the checkout into a folder, each to its target."""
+    for source, target in copies:
+        (folder / target).parent.mkdir(parents=True, exist_ok=True)
+        copy = shutil.copytree if (CHECKOUT / source).is_dir() else shutil.copy
+        copy(CHECKOUT / source, folder / target)
+
+
+@pytest.mark.parametrize("copies", [docker_copies, apptainer_copies])
+def test_a_wheel_of_what_a_container_copies_is_the_wheel_of_the_checkout(copies, tmp_path):
+    copy_all(copies(), tmp_path / "src")
+    part = ZipFile(build_wheel(tmp_path / "src", tmp_path / "part")).namelist()
+    assert sorted(part) == sorted(ZipFile(build_wheel(CHECKOUT, tmp_path / "whole")).namelist())
+    for kind in ("scenes", "recipes", "datasets/sample"):
+        assert any(name.startswith(f"saf_gen/shipped/{kind}/") for name in part)
+
+
+@pytest.mark.parametrize("folder", ["scenes", "datasets/sample"])
+def test_a_build_without_a_folder_of_the_package_is_refused(folder, tmp_path):
+    """Hatchling leaves out what is not there."""
+    copy_all((copy for copy in docker_copies() if copy[0] != folder), tmp_path)
+    with pytest.raises(AssertionError, match=f"the package needs {folder} in .*; copy all of saf_gen, scenes, recipes"):
+        build_wheel(tmp_path, tmp_path / "wheel")
 
 
 def test_a_recipe_is_a_name_or_a_path():

@@ -59,6 +59,15 @@ def test_one_version_stands_everywhere_and_a_tag_of_another_is_refused(tmp_path)
         check["main"]("v1.2.3")
 
 
+def test_the_citation_names_the_people_of_each_reference_and_the_authors_of_the_package():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["authors"] == PROJECT["authors"] != []
+    for reference in citation["references"]:
+        assert reference["authors"]
+        assert all(set(author) == {"family-names", "given-names"} for author in reference["authors"])
+        assert all("et al" not in name and name for author in reference["authors"] for name in author.values())
+
+
 def constraints():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     return [Requirement(line) for line in lines if not line.startswith("#")]

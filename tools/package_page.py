@@ -2,10 +2,13 @@
 
 Hatchling runs this hook on each build. The address comes from the workflow that builds a release, so forks get their
 own; a build elsewhere knows none, has no URLs, and shows the README as it is.
+
+A build without one of the folders of the package is refused, because Hatchling would leave it out without a word.
 """
 
 import os
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +19,26 @@ LINK = re.compile(r"(?P<picture>!?)\[(?P<text>(?:!\[[^\]]*\]\([^)]*\)|[^\]])*)\]
 
 
 class RepositoryLinks(MetadataHookInterface):
-    """Set `urls` and `readme`."""
+    """Set `urls` and `readme`, where the package is complete."""
 
     def update(self, metadata: dict[str, Any]) -> None:
         """Add both to the metadata of the package, in place."""
+        check_folders(Path(self.root))
         text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
         address = find_address()
         if address is not None:
             text = link_to(text, *address)
             metadata["urls"] = urls_of(*address)
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def check_folders(root: Path) -> None:
+    """Raise FileNotFoundError if a folder of the wheel is missing."""
+    tool = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    folders = tool["hatch"]["build"]["targets"]["wheel"]["only-include"]
+    missing = [folder for folder in folders if not (root / folder).is_dir()]
+    if missing:
+        raise FileNotFoundError(f"the package needs {', '.join(missing)} in {root}; copy all of {', '.join(folders)}")
 
 
 def find_address() -> tuple[str, str] | None:

@@ -7,6 +7,7 @@ or not at all, and read strictly; a folder without a readable manifest is not a 
 import os
 import shlex
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, ClassVar
@@ -17,7 +18,7 @@ from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.files import write_text
 from saf_gen.core.object_store import StorePath, find_path
-from saf_gen.errors import BadInput, closest, escape_controls
+from saf_gen.errors import BadInput, closest, escape_controls, unknown
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.recordings import open_recording
 
@@ -25,7 +26,7 @@ MANIFEST_NAME = "manifest.json"
 FORMAT = "saf-gen dataset"
 LAYOUT = 1
 HINT = "remove it and run saf-gen generate again"
-TEST_SPLIT = "test"
+TRAIN_SPLIT, TEST_SPLIT = "train", "test"
 ALL_SPLITS = "all"
 """The word that selects all splits together where the name of a split is expected."""
 
@@ -92,11 +93,46 @@ class Manifest:
             return TEST_SPLIT
         return self.splits[0] if len(self.splits) == 1 else None
 
+    def select_splits(self, name: str, *, where: str) -> tuple[str, ...]:
+        """Return the split of this name, or every split if the name is ``all``.
+
+        Raises BadInput, with the dataset ``where``, if there is no such split, or if ``all`` is also one of several
+        splits.
+        """
+        if name == ALL_SPLITS:
+            if ALL_SPLITS in self.splits and len(self.splits) > 1:
+                raise BadInput(
+                    f"{ALL_SPLITS!r} could mean all splits, or the split of this name",
+                    where=where,
+                    allowed=", ".join(split for split in self.splits if split != ALL_SPLITS),
+                    hint="rename this split, and make the dataset again",
+                )
+            return self.splits
+        if name not in self.splits:
+            raise unknown("split", name, allowed={*self.splits, ALL_SPLITS}, where=where)
+        return (name,)
+
     def next_command(self, folder: str | os.PathLike[str] | StorePath) -> str:
         """Return the command that ranks methods on this dataset; it names a split if there is no default."""
         named = [split for split in self.splits if split != ALL_SPLITS]
         option = f" --split {shlex.quote(named[-1])}" if named and self.default_split is None else ""
         return escape_controls(f"saf-gen evaluate {shlex.quote(str(folder))}{option}")
+
+
+def check_single_split(splits: Sequence[str], *, where: str) -> None:
+    """Raise BadInput if a dataset has several splits, since what trains without the name of one would mix them.
+
+    It would then be judged by recordings from which it has learned.
+    """
+    if len(splits) > 1:
+        names = [split for split in splits if split != TEST_SPLIT]
+        name = TRAIN_SPLIT if TRAIN_SPLIT in names else names[0]
+        raise BadInput(
+            "no split is given",
+            where=where,
+            allowed=f"{', '.join(splits)}, or {ALL_SPLITS}",
+            hint=f'train with split="{name}", or with another one except {TEST_SPLIT}',
+        )
 
 
 def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:

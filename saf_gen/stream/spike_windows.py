@@ -19,7 +19,7 @@ import numpy as np
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.count_cache import KeptCounts, counts_dtype, keep_counts
-from saf_gen.stream.manifest import SequenceEntry, read_manifest
+from saf_gen.stream.manifest import SequenceEntry, check_single_split, read_manifest
 from saf_gen.stream.sharp_charge import SharpCharge
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -61,7 +61,8 @@ class SpikeWindows:
     dataset : str or Path
         Dataset folder.
     split : str, optional
-        Split to use; by default all splits.
+        Split to use, or ``all``. A dataset with several splits needs it, so that a network does not learn on the test
+        split by mistake.
     window : int, default 100
         Frames per window.
     stride : int, optional
@@ -89,10 +90,10 @@ class SpikeWindows:
     Raises
     ------
     BadInput
-        If the folder is not a dataset, the split or target is unknown, or a number is not allowed; and, when a window
-        is read, if the stream lacks the truth, the lens positions, the aperture or the all-in-focus charge that its
-        target needs, if its scene moves and the target is its depth or blur, if ``crop`` is not within the frame, or if
-        the folder for the counts cannot be written.
+        If the folder is not a dataset, the split or target is unknown, the dataset has several splits and none is
+        given, or a number is not allowed; and, when a window is read, if the stream lacks the truth, the lens
+        positions, the aperture or the all-in-focus charge that its target needs, if its scene moves and the target is
+        its depth or blur, if ``crop`` is not within the frame, or if the folder for the counts cannot be written.
     """
 
     def __init__(
@@ -107,11 +108,12 @@ class SpikeWindows:
         counts: str | Path | None = None,
     ) -> None:
         manifest = read_manifest(dataset)
-        if split is not None and split not in manifest.splits:
-            raise unknown("split", split, allowed=manifest.splits, where=str(dataset))
+        if split is None:
+            check_single_split(manifest.splits, where=str(dataset))
+        splits = manifest.splits if split is None else manifest.select_splits(split, where=str(dataset))
         if isinstance(target, str) and target not in TARGETS:
             raise unknown("target", target, allowed=TARGETS, hint="or pass a function of (stream, first, stop)")
-        entries = [entry for entry in manifest.sequences if split in (None, entry.split)]
+        entries = [entry for entry in manifest.sequences if entry.split in splits]
         shortest = min((entry.frames for entry in entries), default=0)
         self.window = _positive_integer("window", window, max_value=shortest)
         self.stride = self.window if stride is None else _positive_integer("stride", stride)

@@ -1,7 +1,7 @@
 """PyTorch support: windows of spike counts as tensors for data loaders, and networks as policies of the closed loop.
 
 >>> from saf_gen.torch import SpikeWindows  # doctest: +SKIP
->>> windows = SpikeWindows("datasets/quickstart", "train", window=100)  # doctest: +SKIP
+>>> windows = SpikeWindows("datasets/lessons", "train", window=100)  # doctest: +SKIP
 
 This module needs the extra ``torch``; no other part of the package does.
 """

@@ -17,6 +17,7 @@ from refusals import assert_says, refusal
 from typer.testing import CliRunner
 from windowed_dataset import make_windowed_dataset
 
+from saf_gen import SpikeWindows
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym import ENVIRONMENT_ID, AutofocusEnv, evaluate_policy
 from saf_gen.benchmark.gym.episode import average_observation
@@ -96,6 +97,8 @@ def test_a_policy_learns_on_no_split_that_was_not_chosen(tmp_path):
     several = make_windowed_dataset(tmp_path / "several", splits=("train", "train", "test"))
     error = refusal(make_env, several)
     assert (error.problem, error.allowed) == ("no split is given", "train, test, or all")
+    assert str(refusal(SpikeWindows, several)) == str(error)  # and that of tensors: tests/with_torch
+    assert refusal(SpikeWindows, several, "trian").allowed == refusal(make_env, several, split="trian").allowed
     assert refusal(make_env, several, split="trian").nearest == "train"
     for options, ids in (
         ({"split": "train"}, ["s0", "s1"]),

@@ -173,8 +173,8 @@ def test_windows_give_depth_and_blur_of_the_pixels_that_are_counted(tmp_path):
     for n in range(3):
         write(next(dataset.rglob(f"s{n}.h5")))
     box = (slice(0, 4), slice(4, 9))
-    depths = SpikeWindows(dataset, window=100, stride=50, crop=(4, 5), target="depth")
-    blurs = SpikeWindows(dataset, window=100, stride=50, crop=(4, 5), target="blur")
+    depths = SpikeWindows(dataset, "all", window=100, stride=50, crop=(4, 5), target="depth")
+    blurs = SpikeWindows(dataset, "all", window=100, stride=50, crop=(4, 5), target="blur")
     with saf_gen.open_stream(dataset / "train/s0.h5") as stream:
         for number in (0, 7):
             (counts, depth), (_, blur) = depths[number], blurs[number]
@@ -190,4 +190,6 @@ def test_windows_give_depth_and_blur_of_the_pixels_that_are_counted(tmp_path):
 def test_windows_of_scenes_that_move_have_no_dense_targets(tmp_path, target):
     dataset = make_windowed_dataset(tmp_path)
     write(dataset / "train/s0.h5", sequence=MOVES)
-    assert_says(refusal(SpikeWindows(dataset, window=100, target=target).__getitem__, 0), "s0.h5 | its scene moves")
+    assert_says(
+        refusal(SpikeWindows(dataset, "all", window=100, target=target).__getitem__, 0), "s0.h5 | its scene moves"
+    )

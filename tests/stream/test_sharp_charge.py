@@ -184,8 +184,8 @@ def test_windows_have_the_sum_over_their_readouts(tmp_path):
     dataset = make_windowed_dataset(tmp_path)
     for n, split in enumerate(("train", "train", "test")):
         write(dataset / f"{split}/s{n}.h5", focus_position=np.linspace(0, 1, FRAMES, dtype=np.float32))
-    whole = SpikeWindows(dataset, window=64, stride=50, target="sharp")
-    part = SpikeWindows(dataset, window=64, stride=50, target="sharp", crop=(4, 5))
+    whole = SpikeWindows(dataset, "all", window=64, stride=50, target="sharp")
+    part = SpikeWindows(dataset, "all", window=64, stride=50, target="sharp", crop=(4, 5))
     with saf_gen.open_stream(dataset / "train/s0.h5") as stream:
         for number in (0, 7, 8, 13, 18):
             counts, total = whole[number]
@@ -201,8 +201,10 @@ def test_windows_have_the_sum_over_their_readouts(tmp_path):
 
 def test_where_there_is_none_a_window_says_so(tmp_path):
     dataset = make_windowed_dataset(tmp_path)
-    assert_says(refusal(SpikeWindows(dataset, target="sharp").__getitem__, 0), "does not hold its all-in-focus charge")
-    assert_says(refusal(SpikeWindows, dataset, target="sharpe"), "sharpe | did you mean 'sharp'?")
+    assert_says(
+        refusal(SpikeWindows(dataset, "all", target="sharp").__getitem__, 0), "does not hold its all-in-focus charge"
+    )
+    assert_says(refusal(SpikeWindows, dataset, "all", target="sharpe"), "sharpe | did you mean 'sharp'?")
     write(dataset / "train/s0.h5")
     with saf_gen.open_stream(dataset / "train/s0.h5") as stream:
         for frame in (-1, FRAMES, 1.5, "first", None):

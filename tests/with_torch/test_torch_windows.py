@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from refusals import refusal
 from windowed_dataset import SHAPE, make_windowed_dataset
 
 import saf_gen
@@ -42,13 +43,24 @@ def test_tensors_are_the_arrays(dataset):
 
     from saf_gen.torch import SpikeWindows
 
-    arrays, tensors = saf_gen.SpikeWindows(dataset, window=100), SpikeWindows(dataset, window=100)
+    arrays, tensors = saf_gen.SpikeWindows(dataset, "all", window=100), SpikeWindows(dataset, "all", window=100)
     assert len(tensors) == len(arrays) == 30
     for number in (0, 7, 29):
         (counts, error), (array, value) = tensors[number], arrays[number]
         assert (counts.dtype, counts.shape, error.dtype, error.shape) == (torch.float32, (1, *SHAPE), torch.float32, ())
         assert np.array_equal(counts, array)
         assert float(error) == value
+
+
+def test_tensors_arrays_and_environment_refuse_several_splits_in_the_same_words(dataset):
+    pytest.importorskip("gymnasium", reason="the extra gym is not installed")
+    from saf_gen.benchmark.gym import AutofocusEnv
+    from saf_gen.torch import SpikeWindows
+
+    error = refusal(SpikeWindows, dataset)
+    assert (error.problem, error.allowed) == ("no split is given", "train, test, or all")
+    assert str(refusal(saf_gen.SpikeWindows, dataset)) == str(refusal(AutofocusEnv, dataset)) == str(error)
+    assert {window.sequence.id for window in SpikeWindows(dataset, "train").windows} == {"s0", "s1"}
 
 
 def test_without_torch_one_line_says_what_to_install():

@@ -18,7 +18,7 @@ from saf_gen.core import seeds
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics.actuators import get_actuator
-from saf_gen.stream.manifest import ALL_SPLITS
+from saf_gen.stream.manifest import ALL_SPLITS, check_single_split
 from saf_gen.stream.stream_file import open_stream
 
 ENVIRONMENT_ID = "saf_gen/Autofocus-v0"
@@ -224,14 +224,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 def _list_tasks(dataset: Path, split: str | None, *, are_named: bool) -> list[SequenceTask]:
     """Return the sequences of a split, or of all splits if there is one only or ``are_named``."""
     tasks = select_sequences_to_evaluate(dataset, split=ALL_SPLITS if split is None else split).tasks
-    splits = dict.fromkeys(task.split for task in tasks)
-    if split is None and not are_named and len(splits) > 1:
-        raise BadInput(
-            "no split is given",
-            where=str(dataset),
-            allowed=f"{', '.join(map(str, splits))}, or {ALL_SPLITS}",
-            hint='train with split="train", or with another one except test',
-        )
+    if split is None and not are_named:
+        check_single_split(list(dict.fromkeys(str(task.split) for task in tasks)), where=str(dataset))
     return tasks
 
 

@@ -93,28 +93,16 @@ def select_sequences_to_evaluate(
 
 def _choose_splits(manifest: Manifest, split: str | None, *, path: AnyPath) -> tuple[str, ...]:
     """Return the splits that ``split`` selects from a dataset; see select_sequences_to_evaluate."""
-    splits, default = manifest.splits, manifest.default_split
-    if split is None:
-        if default is None:
-            raise BadInput(
-                f"the dataset has the splits {', '.join(splits)}, and none is called {TEST_SPLIT}",
-                where=str(path),
-                allowed=f"one of them, or {ALL_SPLITS} to rank them together",
-                hint=f"run {manifest.next_command(path)}",
-            )
-        return (default,)
-    if split == ALL_SPLITS:
-        if ALL_SPLITS in splits and len(splits) > 1:
-            raise BadInput(
-                f"{ALL_SPLITS!r} could mean all splits, or the split of this name",
-                where=str(path),
-                allowed=", ".join(name for name in splits if name != ALL_SPLITS),
-                hint="rename this split, and make the dataset again",
-            )
-        return splits
-    if split not in splits:
-        raise unknown("split", split, allowed={*splits, ALL_SPLITS}, where=str(path))
-    return (split,)
+    if split is not None:
+        return manifest.select_splits(split, where=str(path))
+    if manifest.default_split is None:
+        raise BadInput(
+            f"the dataset has the splits {', '.join(manifest.splits)}, and none is called {TEST_SPLIT}",
+            where=str(path),
+            allowed=f"one of them, or {ALL_SPLITS} to rank them together",
+            hint=f"run {manifest.next_command(path)}",
+        )
+    return (manifest.default_split,)
 
 
 def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | None) -> SequenceTask:
