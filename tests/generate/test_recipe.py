@@ -158,9 +158,9 @@ def with_params(params):
         (LIGHT, LATE, "light 'constant' on usaf_target: | too large"),
         ("mixed]}", "mixed], scene_motion: [dynamic]}", "split 'test' asks for dynamic |  usaf_target"),
         ("mixed]}", "mixed], variants: 2}", "repeats, which are 1"),
-        (*with_params("{two_planes: {near_side: lfet}}"), 'near_side is \'lfet\' | "left", "right" | mean \'left'),
-        (*with_params("{two_planes: {near_sid: left}}"), "'near_sid' | 'near_side'"),
-        (*with_params("{two_plane: {near_side: left}}"), "unknown scene of scene_params 'two_plane' | 'two_planes'"),
+        (*with_params("{two_planes: {target: naer}}"), 'target is \'naer\' | "near", "far" | mean \'near'),
+        (*with_params("{two_planes: {near_sid: 1}}"), "'near_sid' | 'near_side'"),
+        (*with_params("{two_plane: {near_side: 1}}"), "unknown scene of scene_params 'two_plane' | 'two_planes'"),
         (
             "{mean_rate: 0.2}",
             "{mean_rate: 0.2, f_number: 64}",
