@@ -282,6 +282,20 @@ def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, m
     assert states(evaluation)["a_net"] == "claimed"
 
 
+def test_a_row_of_two_evaluations_is_a_claim_until_both_are_run_again(call, evaluation, dataset, tmp_path):
+    write_sweep(tmp_path / "data/test/hill.h5", 400.0)
+    more = list_streams(tmp_path / "data", {"id": "hill", "scene": "hill"})
+    method, other = ("--method", "sd+argmax", "--method", "er_count+argmax@frame"), tmp_path / "other"
+    assert call("evaluate", dataset, *method, "--out", evaluation)[0] == 0
+    assert call("evaluate", more, *method, "--out", other)[0] == 0
+    for folder, source, state in ((evaluation, dataset, "claimed"), (other, more, "re-run here")):
+        assert call("leaderboard", "verify", folder, "--on", source)[0] == 0
+        assert {row.verified for row in read_leaderboard(evaluation, other)} == {state}
+    (other / "verification.json").unlink()
+    shutil.copytree(evaluation, tmp_path / "copy", ignore=lambda *names: ["verification.json"])
+    assert {row.verified for row in read_leaderboard(evaluation, tmp_path / "copy")} == {"re-run here"}
+
+
 @pytest.mark.parametrize("signature", ["", "no hex"])
 def test_a_verdict_without_our_signature_counts_as_from_elsewhere(call, evaluation, dataset, signature):
     call("leaderboard", "verify", evaluation, "--on", dataset)
