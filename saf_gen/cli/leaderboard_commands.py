@@ -135,26 +135,35 @@ def verify_evaluation_command(
     *,
     method: Annotated[
         list[str] | None,
-        typer.Option(help="Method of a row, in a file that you trust, such as file.py:Class+argmax; repeatable."),
+        typer.Option(
+            help="Method of a row, in a file that you trust, such as file.py:Class+argmax, or @FILE of a tuned method; "
+            "repeatable."
+        ),
+    ] = None,
+    scene_motion: Annotated[
+        str | None, typer.Option(help="If only static or only dynamic sequences were evaluated, which.")
     ] = None,
     actuator: ActuatorName = None,
     budget: BudgetMs = None,
     sweep: SweepMs = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the methods of an evaluation again, and report for each row whether the answers are the same.
+    """Run the methods of an evaluation again, and report for each row whether the records are the same.
 
-    The command writes verification.json into the folder. In tables that `saf-gen leaderboard` makes of this evaluation,
-    each row is then marked as re-run here, re-run elsewhere, differs or claimed. For a closed loop, repeat the options
-    of the evaluation, except for the rate of operations, which its records state.
+    A row needs a record of each sequence of the split; only time and machine may differ. The command writes
+    verification.json into the folder. In tables that `saf-gen leaderboard` makes of this evaluation, each row is then
+    marked as re-run here, re-run elsewhere, differs or claimed. Repeat the option --scene-motion of the evaluation and,
+    for a closed loop, its options, except for the rate of operations, which its records state.
     """
     from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.core.files import check_writable
+    from saf_gen.leaderboard.outcomes import describe_size
     from saf_gen.leaderboard.rerun import verify
     from saf_gen.leaderboard.verification import DIFFERS, PROVES, RERUN_HERE, write_verification
 
-    first = read_records(folder)[0]
+    records = read_records(folder)
+    first = records[0]
     rate = None if first.track == "recorded" else ClosedLoopProtocol.rate_in(first.terms) or 0.0
     protocol = protocol_from_options(first.track, actuator=actuator, budget=budget, sweep=sweep, op_rate=rate)
     folder = folder if folder.is_dir() else folder.parent
@@ -164,12 +173,15 @@ def verify_evaluation_command(
             folder,
             source or folder.resolve().parent,
             methods=method or (),
+            scene_motion=scene_motion,
             protocol=protocol,
             progress=terminal_reporter("verify", bars),
         )
     path = write_verification(folder, found)
     columns = Column("method", "method"), Column("row", "state"), Column("why", "reason", folds=True)
-    print_table(Table(columns, found.verdicts), as_json=as_json)
+    splits = dict.fromkeys(record.split for record in records if record.split is not None)
+    covered = filter(None, (describe_size(records), name_splits(splits) if splits else "", scene_motion))
+    print_table(Table(columns, found.verdicts, ", ".join(covered)), as_json=as_json)
     if not as_json:
         out.print(str(path), soft_wrap=True)
         if any(verdict.state == RERUN_HERE for verdict in found.verdicts):

@@ -124,10 +124,7 @@ def _format_json(
     document = {
         "format": "saf-gen leaderboard",
         "version": __version__,
-        "benchmark": sorted({r.benchmark or "" for r in records}),
         "ranked_by": RULE,
-        "track": sorted({r.track for r in records}),
-        "rig": sorted({r.rig for r in records}),
         "columns": {column.name: column.meaning for column in ranking.columns},
         "rows": [{**values, "tied": list(row.tied)} for values, row in zip(ranking.to_dicts(), rows, strict=True)],
         "intervals": {
@@ -142,14 +139,24 @@ def _format_json(
         "rank_agreement": [asdict(one) for one in results.agreement],
         "notes": notes_on(rows, records),
         "grain": [asdict(grain) for grain in grain_by_scene(records)],
-        "data": {r.sequence: r.data for r in records},
-        "code": {r.method: r.code for r in records},
-        "tuning": {r.method: r.tuning for r in records if r.tuning},
-        "parameters": {r.method: r.parameters for r in records},
+        **describe_records(records),
         "machines": sorted({r.machine for r in records}),
         "failures": [{"sequence": f.sequence, "problem": f.problem} for f in failures],
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def describe_records(records: Sequence[Record]) -> dict[str, Any]:
+    """Return the keys of leaderboard.json that state of which data and code the records are."""
+    return {
+        "benchmark": sorted({r.benchmark or "" for r in records}),
+        "track": sorted({r.track for r in records}),
+        "rig": sorted({r.rig for r in records}),
+        "data": {r.sequence: r.data for r in records},
+        "code": {r.method: r.code for r in records},
+        "tuning": {r.method: r.tuning for r in records if r.tuning},
+        "parameters": {r.method: r.parameters for r in records},
+    }
 
 
 def _axis_to_json(results: AxisResults) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Reading of evaluations as one leaderboard, which a notebook shows as a table."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -16,7 +16,8 @@ from saf_gen.leaderboard.tables import INTERVALS, ranking
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
 
 WEIGHT_OF_STATE = (CLAIMED, RERUN_ELSEWHERE, RERUN_HERE, DIFFERS)
-"""States in ascending order of weight. If evaluations give a row several states, the last of these counts."""
+"""States in ascending order of weight. If evaluations give the same records several states, the last of these counts;
+the state of a row is the first of its records' states, but differs if one of them does."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +92,18 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
     if not evaluations:
         raise BadInput("no evaluation is named", hint='read_leaderboard("datasets/quickstart/evaluation")')
     runs = {str(one): read_records(Path(one)) for one in evaluations}
-    states: dict[str, str] = {}
-    for run, group in runs.items():
-        for method, state in read_row_states(Path(run), group).items():
-            states[method] = max(state, states.get(method, state), key=WEIGHT_OF_STATE.index)
+    states_in = {run: read_row_states(Path(run), group) for run, group in runs.items()}
     records = merge_records(runs)
     rows = rank_methods(records)
-    if states:
-        rows = tuple(replace(row, verified=states.get(row.method, CLAIMED)) for row in rows)
+    if any(states_in.values()):
+        states: dict[str, dict[str, str]] = {}  # of each record, by method and data
+        for run, group in runs.items():
+            for record in group:
+                state, of_row = states_in[run].get(record.method, CLAIMED), states.setdefault(record.method, {})
+                of_row[record.data] = max(state, of_row.get(record.data, state), key=WEIGHT_OF_STATE.index)
+        rows = tuple(replace(row, verified=_join_states(states[row.method].values())) for row in rows)
     return Leaderboard(rows, tuple(records))
+
+
+def _join_states(states: Collection[str]) -> str:
+    return DIFFERS if DIFFERS in states else min(states, key=WEIGHT_OF_STATE.index)

@@ -1,23 +1,27 @@
-"""Repetition of an evaluation: its methods are run again on the dataset, and every answer is compared."""
+"""Repetition of an evaluation: its methods are run again on the dataset, and every record is compared."""
 
 import math
 import socket
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from saf_gen import __version__
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import ProgressCallback, evaluate
+from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.method_spec import Method, split_region
-from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, OVER_A_LIMIT, Record, read_records
+from saf_gen.benchmark.records import OVER_A_LIMIT, RECORDS_FILE, Record, read_records
+from saf_gen.core.config.json_document import read_json
 from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
+from saf_gen.leaderboard.files import LEADERBOARD_FILES, describe_records
+from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.outcomes import group_by
-from saf_gen.leaderboard.verification import COST_AND_MACHINE, RowVerdict, Verification, digest_answers
+from saf_gen.leaderboard.verification import RowVerdict, Verification, digest_answers, to_comparable
 from saf_gen.stream.manifest import ALL_SPLITS
 
 if TYPE_CHECKING:
@@ -32,10 +36,13 @@ def verify(
     source: Path,
     *,
     methods: Sequence[str] = (),
+    scene_motion: str | None = None,
     protocol: "ClosedLoopProtocol | None" = None,
     progress: ProgressCallback | None = None,
 ) -> Verification:
-    """Rerun the methods of an evaluation whose code is available, and compare all answers.
+    """Rerun the methods of an evaluation whose code is available, and compare all records but for time and machine.
+
+    A row is reproduced if it has one record of each sequence of the split, and no other.
 
     Parameters
     ----------
@@ -44,8 +51,10 @@ def verify(
     source : Path
         Dataset, or stream, from which the evaluation was made.
     methods : sequence of str, optional
-        Methods in files that the user trusts, such as ``file.py:Class+argmax``. They are matched to rows by the digest
-        of their code.
+        Methods in files that the user trusts, such as ``file.py:Class+argmax`` or ``@FILE``. They are matched to rows
+        by the digest of their code.
+    scene_motion : str, optional
+        Scene motion of the sequences that were evaluated; by default any.
     protocol : ClosedLoopProtocol, optional
         Protocol of a closed-loop evaluation.
     progress : callable, optional
@@ -59,10 +68,12 @@ def verify(
     Raises
     ------
     BadInput
-        If the records cannot be read, the dataset cannot be evaluated, or no row was made by the code of one of
-        ``methods``.
+        If the records cannot be read or make no table, the dataset cannot be evaluated, or no row was made by the code
+        of one of ``methods``.
     """
-    rows = group_by(read_records(folder), "method")
+    records = read_records(folder)
+    merge_records({str(folder): records})  # refuses missing and double records, among others
+    rows = group_by(records, "method")
     trusted = {method.code: method for method in map(admit_method, methods)}
     for method in trusted.values():
         if method.code not in {group[0].code for group in rows.values()}:
@@ -76,30 +87,35 @@ def verify(
             runs_ended = f"{len(ended)} of {plural(len(group), 'run')} ended at a limit ({ended[0].limits})"
             reasons[label] = f"not comparable: {runs_ended}"
             continue
-        found = _find_method(label, group[0].code, trusted=trusted, where=str(folder))
+        found = _find_method(group[0], trusted=trusted, where=str(folder))
         if isinstance(found, Method):
             runs[label] = found
         else:
             reasons[label] = found
     if runs:
-        every = [record for group in rows.values() for record in group]
-        regions = {record.region for record in every if "@" not in record.method}
+        header = _compare_header(folder, records)
+        split = _only(record.split for record in records) or ALL_SPLITS
+        regions = {record.region for record in records if "@" not in record.method}
+        limits = _only(rows[label][0].limits for label, method in runs.items() if method.guest is not None)
         result = evaluate(
             source,
             methods=[method.name for method in runs.values()],
-            split=_only(record.split for record in every) or ALL_SPLITS,
-            scene_motion=_only(record.scene_motion for record in every),
+            split=split,
+            scene_motion=scene_motion,
             region=_only(regions - {"frame"}) or ("frame" if regions == {"frame"} else "target"),
             protocol=protocol,
             progress=progress,
-            check=False,
+            limits=Limits.parse(limits) if limits else None,
         )
         again = {(record.method, record.sequence): record for record in result.records}
         unread = {failure.sequence: failure.problem for failure in result.failures}
         for label, method in runs.items():
-            reasons[label] = _compare(
-                rows[label], {s: r for (m, s), r in again.items() if m == method.name}, unread=unread
-            )
+            row = {
+                sequence: replace(record, method=label, tuning=method.tuning)
+                for (name, sequence), record in again.items()
+                if name == method.name
+            }
+            reasons[label] = _compare(rows[label], row, unread=unread, split=split) or header
     verdicts = (
         RowVerdict(label, _state(reasons[label], was_run=label in runs), reasons[label], digest_answers(group))
         for label, group in rows.items()
@@ -107,17 +123,20 @@ def verify(
     return Verification(tuple(verdicts), source.resolve().name, socket.gethostname(), describe_machine(), __version__)
 
 
-def _find_method(label: str, code: str, *, trusted: Mapping[str, Method], where: str) -> Method | str:
-    """Return the given or registered method with this code digest, or the reason why there is no such method."""
-    if code in trusted:
-        region = split_region(label)[1]
-        return admit_method(f"{split_region(trusted[code].name)[0]}@{region}") if region else trusted[code]
+def _find_method(row: Record, *, trusted: Mapping[str, Method], where: str) -> Method | str:
+    """Return the given or registered method with the code of a row, or the reason why there is no such method."""
+    if given := trusted.get(row.code):
+        region = split_region(row.method)[1]
+        named = admit_method(f"{split_region(given.name)[0]}@{region}") if region else given
+        return replace(named, tuning=given.tuning)
+    if row.tuning:
+        return f"its constants are of the tuned file {row.tuning}: name it with --method @FILE"
     try:
         with refuse_code(where):
-            method = admit_method(label)
+            method = admit_method(row.method)
     except BadInput as error:
         return f"no method on this machine can reproduce this row: {error.problem}"
-    return method if method.code == code else f"its code differs: here {method.code}, in the row {code}"
+    return method if method.code == row.code else f"its code differs: here {method.code}, in the row {row.code}"
 
 
 def _only(values: Iterable[str | None]) -> str | None:
@@ -132,34 +151,55 @@ def _state(reason: str, *, was_run: bool) -> Literal["re-run here", "differs", "
     return "differs" if reason else "re-run here"
 
 
-def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: Mapping[str, str]) -> str:
+def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: Mapping[str, str], split: str) -> str:
     """Return a description of the first difference and the number of sequences that differ, or '' if none does."""
+    row = {record.sequence: to_comparable(record) for record in records}
     differing = []
-    for record in records:
-        if record.sequence in unread:
-            differing.append(f"{record.sequence} cannot be read: {unread[record.sequence]}")
-        elif record.sequence not in again:
-            differing.append(f"{record.sequence} is not in the dataset")
-        else:
-            other = replace(again[record.sequence], method=record.method)
-            keys = (
-                f.name
-                for f in fields(Record)
-                # An older record lacks the keys that follow from its answer and are left out where they are unknown.
-                if not (f.name in COST_AND_MACHINE or (f.name in KEYS_WHERE_KNOWN and getattr(record, f.name) is None))
-            )
-            unequal = [key for key in keys if not _is_same(getattr(record, key), getattr(other, key))]
-            if unequal:
-                key = "data" if "data" in unequal else unequal[0]
-                says, gives = getattr(record, key), getattr(other, key)
-                differing.append(f"{record.sequence}: {key} is {says!r:.40}, but {gives!r:.40} when run again")
-    more = f" ({len(differing)} of {plural(len(records), 'sequence')})" if differing else ""
-    return f"{differing[0]}{more}" if differing else ""
+    for name in {**again, **unread, **row}:
+        if name in unread:
+            differing.append(f"{name} cannot be evaluated: {unread[name]}")
+        elif name not in again:
+            differing.append(f"{name} is not in split {split}")
+        elif name not in row:
+            differing.append(f"no record of {name}")
+        elif unequal := _compare_record(row[name], to_comparable(again[name])):
+            differing.append(f"{name}: {unequal}")
+    every = plural(len({**again, **unread, **row}), "sequence")
+    return f"{differing[0]} ({len(differing)} of {every})" if differing else ""
+
+
+def _compare_record(says: Mapping[str, Any], gives: Mapping[str, Any]) -> str:
+    """Return a description of the first key that differs, the data before all others, or '' if none does."""
+    for key in ("data", *says, *gives):
+        if (key in says, key in gives) != (True, True) or not _is_same(says[key], gives[key]):
+            values = (f"{values[key]!r:.40}" if key in values else "missing" for values in (says, gives))
+            return f"{key} is {', but '.join(values)} when run again"
+    return ""
+
+
+def _compare_header(folder: Path, records: Sequence[Record]) -> str:
+    """Return in what leaderboard.json contradicts the records beside it, or ''; also '' if there is no such file."""
+    path = (folder if folder.is_dir() else folder.parent) / LEADERBOARD_FILES[0]
+    if not path.is_file():
+        return ""
+    document, header = read_json(path).data, describe_records(records)
+    says = _flatten(header)
+    stated = _flatten({key: document.get(key) for key in header}) if isinstance(document, dict) else {}
+    odd = next((key for key in {**says, **stated} if says.get(key) != stated.get(key)), "")
+    return f"{path.name} and {RECORDS_FILE} differ in {odd}" if odd else ""
+
+
+def _flatten(header: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values by key, or by key and name where a key has values by name."""
+    flat: dict[str, Any] = {}
+    for key, value in header.items():
+        flat |= {f"{key} of {name}": one for name, one in value.items()} if isinstance(value, dict) else {key: value}
+    return flat
 
 
 def _is_same(one: object, other: object) -> bool:
     if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=TOLERANCE) or (one != one and other != other)
-    if isinstance(one, tuple) and isinstance(other, tuple):
+        return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+    if isinstance(one, list) and isinstance(other, list):
         return len(one) == len(other) and all(map(_is_same, one, other))
     return one == other

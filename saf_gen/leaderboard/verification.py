@@ -1,9 +1,10 @@
 """Verification of a table: the file next to an evaluation that states which rows were reproduced, and where.
 
-A table may come from anybody. A row is *re-run here* if its method, run again from code on this machine, gave every
-answer again; *re-run elsewhere* if the file states that for another machine or is not signed by this user; *differs* if
-an answer was different; and *claimed* if it was not or could not be run again. The signature is made with a secret of
-the user, so an untrusted folder cannot contain a row that counts as *re-run here*.
+A table may come from anybody. A row is *re-run here* if its method, run again from code on this machine, gave a record
+of each sequence of the split, and the row has exactly these records, except for time and machine; *re-run elsewhere* if
+the file states that for another machine or is not signed by this user; *differs* if a record is different or missing;
+and *claimed* if it was not or could not be run again. The signature is made with a secret of the user, so an untrusted
+folder cannot contain a row that counts as *re-run here*.
 """
 
 import hashlib
@@ -27,8 +28,8 @@ from saf_gen.leaderboard.outcomes import group_by
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
 RERUN_HERE, RERUN_ELSEWHERE, DIFFERS, CLAIMED = "re-run here", "re-run elsewhere", "differs", "claimed"
-COST_AND_MACHINE = frozenset({"seconds", "machine", "limits", "failed_check", "tuning", "note", "reference_rate"})
-"""Keys of a record that may differ between two runs of the same method."""
+TIME_AND_MACHINE = frozenset({"seconds", "machine", "reference_rate"})
+"""Keys of a record whose values may differ between two runs of the same method; all others are compared."""
 PROVES = (
     "this code, with the digest in the records, gave these answers again from counts and lens positions; not proved: "
     "that it had never seen the answers (rank on a sealed split), or that it read nothing else here (read it, or "
@@ -51,7 +52,7 @@ class RowVerdict:
     reason : str
         Why the answers were not reproduced; '' if they were.
     answers : str
-        First 16 hexadecimal digits of a SHA-256 of the method's records without cost and machine. The verdict holds
+        First 16 hexadecimal digits of a SHA-256 of the method's records without time and machine. The verdict holds
         only for these answers.
     """
 
@@ -138,13 +139,14 @@ def _is_signed(verification: Verification) -> bool:
 
 
 def digest_answers(records: Iterable[Record]) -> str:
-    """Return the first 16 hexadecimal digits of a SHA-256 of the records without cost and machine.
+    """Return the first 16 hexadecimal digits of a SHA-256 of the records without time and machine.
 
     The digest does not depend on the order of the records.
     """
-    lines = sorted(json.dumps(_answer(record), ensure_ascii=False) for record in records)
+    lines = sorted(json.dumps(to_comparable(record), ensure_ascii=False) for record in records)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
-def _answer(record: Record) -> dict[str, Any]:
-    return {key: value for key, value in record_to_json(record).items() if key not in COST_AND_MACHINE}
+def to_comparable(record: Record) -> dict[str, Any]:
+    """Return the record in plain JSON types, with null in place of the values of TIME_AND_MACHINE."""
+    return {key: None if key in TIME_AND_MACHINE else value for key, value in record_to_json(record).items()}

@@ -3,17 +3,22 @@
 import json
 import shutil
 import socket
+from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
-from saf_gen.benchmark.records import RECORDS_FILE, read_records, record_to_json
+from saf_gen.benchmark.method_spec import TunedMethod, format_tuned
+from saf_gen.benchmark.records import READ_LATE, RECORDS_FILE, Record, read_records, record_to_json
 from saf_gen.cli import main
 from saf_gen.core.config.json_document import format_checked_json
+from saf_gen.errors import BadInput
 from saf_gen.leaderboard.reading import read_leaderboard
 from saf_gen.leaderboard.rerun import verify
+from saf_gen.leaderboard.verification import TIME_AND_MACHINE
 
 MEASURE = """
 from dataclasses import dataclass
@@ -41,15 +46,16 @@ def dataset(tmp_path_factory):
 def evaluated(dataset, tmp_path_factory):
     """An evaluation of two registered methods, one of a file that has since moved, and answers made elsewhere."""
     home = tmp_path_factory.mktemp("evaluated")
-    (home / "mine.py").write_text(MEASURE)
+    (home / "theirs").mkdir()
+    (home / "theirs/mine.py").write_text(MEASURE)
     answers = [json.dumps({"method": "a_net", "sequence": name, "frame": 310.0}) for name in ("board", "leaf")]
     (home / "answers.jsonl").write_text("\n".join(answers))
-    mine, folder = f"{home / 'mine.py'}:Spread+argmax", home / "evaluation"
+    mine, folder = f"{home / 'theirs/mine.py'}:Spread+argmax", home / "evaluation"
     methods = [word for method in ("sd+argmax", "er_count+argmax@frame", mine) for word in ("--method", method)]
     with pytest.raises(SystemExit) as ended:
         main(["evaluate", *map(str, (dataset, *methods, "--predictions", home / "answers.jsonl", "--out", folder))])
     assert ended.value.code == 0
-    forge(folder, mine, sequences=("board", "leaf"), method=f"/{home.name}/theirs.py:Spread+argmax")
+    (home / "theirs/mine.py").rename(home / "mine.py")
     return folder
 
 
@@ -60,11 +66,19 @@ def evaluation(evaluated, tmp_path):
     return shutil.copytree(evaluated, tmp_path / "evaluation")
 
 
-def forge(folder, row, *, sequences=("leaf",), **changes):
-    """Change records of a row, and update their checksums."""
-    lines = [record_to_json(record) for record in read_records(folder)]
+def forge(folder, row="", **changes):
+    """Change the records of a row, or of all rows, on ``leaf``, and update their checksums."""
+    lines = lines_of(folder)
     for line in lines:
-        line.update(changes if line["method"] == row and line["sequence"] in sequences else {})
+        line.update(changes if row in ("", line["method"]) and line["sequence"] == "leaf" else {})
+    write_lines(folder, lines)
+
+
+def lines_of(folder):
+    return [record_to_json(record) for record in read_records(folder)]
+
+
+def write_lines(folder, lines):
     (folder / RECORDS_FILE).write_text("".join(format_checked_json(line) + "\n" for line in lines))
 
 
@@ -80,7 +94,7 @@ def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call,
     assert {name: row["row"] for name, row in rows.items()} == {
         "sd+argmax": "re-run here",
         "er_count+argmax@frame": "re-run here",
-        "theirs.py:Spread+argmax": "claimed",
+        "mine.py:Spread+argmax": "claimed",
         "a_net": "claimed",
     }
     assert "no method on this machine can reproduce this row: " in rows["a_net"]["why"]
@@ -95,9 +109,9 @@ def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluatio
     assert code == 0
     assert "re-run here: this code, with the digest in the records, gave these answers again" in out
     assert "not proved: that it had never seen the answers" in out
-    assert states(evaluation)["theirs.py:Spread+argmax"] == "claimed"
+    assert states(evaluation)["mine.py:Spread+argmax"] == "claimed"
     assert call(*command, "--method", f"{mine}:Spread+argmax")[0] == 0
-    assert states(evaluation)["theirs.py:Spread+argmax"] == "re-run here"
+    assert states(evaluation)["mine.py:Spread+argmax"] == "re-run here"
     (other := tmp_path / "other.py").write_text(MEASURE.replace("2.0", "4.0"))
     code, _, err = call(*command, "--method", f"{other}:Spread+argmax")
     assert (code, err.count("\n")) == (2, 1)
@@ -134,18 +148,129 @@ def test_a_forged_answer_is_found(call, evaluation, dataset, changes, message):
 
 
 def test_another_recording_of_the_same_name_differs(call, evaluation, dataset):
-    for record in read_records(evaluation):
-        forge(evaluation, record.method, data="0" * 64)
+    forge(evaluation, data="0" * 64)
     out = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")[1]
     (row,) = (row for row in json.loads(out) if row["method"] == "sd+argmax")
     assert "leaf: data is '000" in row["why"]
 
 
+def state_of(row, folder, source, **options):
+    """Return the state of a row when its method is run again, and why; ``refused`` if the evaluation is refused."""
+    try:
+        verdicts = {verdict.method: verdict for verdict in verify(folder, source, **options).verdicts}
+    except BadInput as error:
+        return "refused", str(error)
+    return verdicts[row].state, verdicts[row].reason
+
+
+@pytest.mark.parametrize("key", [field.name for field in fields(Record)])
+def test_every_change_of_a_record_is_found_but_for_time_and_machine(evaluation, dataset, key):
+    lines = lines_of(evaluation)
+    (line,) = (line for line in lines if (line["method"], line["sequence"]) == ("sd+argmax", "leaf"))
+    old = line.get(key)
+    more = [not old] if isinstance(old, bool) else [old + 1] if isinstance(old, int) else []
+    more += [old + 0.01] if isinstance(old, float) else [[*old, 1.0]] if isinstance(old, list) else []
+    more += ["failed", "closed_loop", "lens at rest", 1, 1.0, True]
+    for line[key] in (value for value in more if value != old):  # the first that can be read
+        write_lines(evaluation, lines)
+        with suppress(BadInput):
+            assert read_records(evaluation)
+            break
+    state, why = state_of("sd+argmax", evaluation, dataset)
+    assert (state == "re-run here") == (key in TIME_AND_MACHINE)
+    if state == "differs":
+        assert f"leaf: {key} is {line[key]!r}"[:40] in why
+
+
+@pytest.mark.parametrize("key", ["operations", "reference_rate"])
+def test_a_key_that_is_left_out_is_found(evaluation, dataset, key):
+    write_lines(evaluation, [{k: v for k, v in line.items() if k != key} for line in lines_of(evaluation)])
+    assert f"{key} is missing" in state_of("sd+argmax", evaluation, dataset)[1]
+
+
+SELECTIONS = {
+    "a sequence left out": (
+        lambda lines: [line for line in lines if line["sequence"] != "leaf"],
+        "no record of leaf (1 of 2 sequences)",
+    ),
+    "a method left out": (
+        lambda lines: [line for line in lines if line["method"] != "er_count+argmax@frame"],
+        "leaderboard.json and records.jsonl differ in code of er_count+argmax@frame",
+    ),
+    "a sequence that the dataset lacks": (
+        lambda lines: [*lines, *({**line, "sequence": "ghost"} for line in lines if line["sequence"] == "leaf")],
+        "ghost is not in split test (1 of 3 sequences)",
+    ),
+    "a record left out": (lambda lines: lines[1:], "has no record of board"),
+    "a record twice": (lambda lines: [*lines, lines[0]], "two records of sd+argmax on board"),
+    "a record of a sequence that the dataset lacks": (
+        lambda lines: [*lines, {**lines[0], "sequence": "ghost"}],
+        "has no record of ghost",
+    ),
+}
+
+
+@pytest.mark.parametrize(("select", "message"), SELECTIONS.values(), ids=SELECTIONS)
+def test_no_row_of_a_choice_of_records_is_certified(call, evaluation, dataset, select, message):
+    write_lines(evaluation, select(lines_of(evaluation)))
+    code, out, err = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")
+    assert message in (out if code == 1 else err)
+    assert (code, "re-run here" in out) == (1 if out else 2, False)
+    assert "re-run here" not in {row["row"] for row in json.loads(out or "[]")}
+
+
+def test_a_choice_of_motions_is_certified_only_where_the_command_names_it(call, tmp_path):
+    entries = {"id": "still", "scene_motion": "static"}, {"id": "moving", "scene_motion": "dynamic"}
+    for entry in entries:
+        write_sweep(tmp_path / f"data/test/{entry['id']}.h5", 300.0)
+    data = list_streams(tmp_path / "data", *entries)
+    static, out = ("--scene-motion", "static"), tmp_path / "evaluation"
+    assert call("evaluate", data, "--method", "sd+argmax", *static, "--out", out)[0] == 0
+    code, text, _ = call("leaderboard", "verify", out, "--on", data)
+    assert (code, "no record of moving (1 of 2 sequences)" in text) == (1, True)
+    code, text, _ = call("leaderboard", "verify", out, "--on", data, *static)
+    assert (code, "1 sequence, split test, static" in text, "re-run here" in text) == (0, True, True)
+
+
+def test_a_tuned_row_is_a_claim_until_its_file_is_named(call, dataset, tmp_path):
+    for name, trials in (("mine", 1), ("other", 2)):
+        tuned = TunedMethod("sd+argmax", "d", "train", "recorded", "", "target", trials, "0", "0", ())
+        (tmp_path / f"{name}.json").write_text(format_tuned(tuned))
+    mine, other = f"@{tmp_path / 'mine.json'}", f"@{tmp_path / 'other.json'}"
+    evaluation = tmp_path / "evaluation"
+    assert call("evaluate", dataset, "--method", mine, "--out", evaluation)[0] == 0
+    state, why = state_of("sd+argmax", evaluation, dataset)
+    assert (state, "name it with --method @FILE" in why) == ("claimed", True)
+    assert state_of("sd+argmax", evaluation, dataset, methods=[mine]) == ("re-run here", "")
+    state, why = state_of("sd+argmax", evaluation, dataset, methods=[other])
+    assert (state, "board: tuning is '" in why) == ("differs", True)
+
+
+def test_a_method_of_others_is_run_again_within_its_limits_and_with_its_notes(call, dataset, tmp_path):
+    """It fails a check, because it drifts, and reads a file only when it is called."""
+    late = "open(__file__.replace('mine.py', 'table.txt')).read()"
+    (tmp_path / "mine.py").write_text(MEASURE.replace("return ", f"return len({late}) + "))
+    (tmp_path / "table.txt").write_text("12")
+    method, evaluation = f"{tmp_path / 'mine.py'}:Spread+argmax", tmp_path / "evaluation"
+    limits = ("--limit-s", "33.5", "--limit-gib", "1")
+    assert call("evaluate", dataset, "--method", method, *limits, "--out", evaluation)[0] == 0
+    first = read_records(evaluation)[0]
+    assert (first.limits, READ_LATE in first.note, first.failed_check != "") == ("33.5 s, 1,024 MiB", True, True)
+    again = method, evaluation, dataset
+    assert state_of(*again, methods=[method]) == ("re-run here", "")
+    forge(evaluation, limits="34 s, 1,024 MiB")
+    assert "leaf: limits is '34 s, 1,024 MiB', but '33.5 s" in state_of(*again, methods=[method])[1]
+    (tmp_path / "table.txt").write_text("123")
+    assert "note is '" in state_of(*again, methods=[method])[1]
+    write_lines(evaluation, [{**line, "limits": "as much as you like"} for line in lines_of(evaluation)])
+    assert "the limits are 'as much" in state_of(*again, methods=[method])[1]
+
+
 def test_answers_that_change_after_a_verdict_are_claimed_again(call, evaluation, dataset):
     call("leaderboard", "verify", evaluation, "--on", dataset)
-    forge(evaluation, "sd+argmax", note="looked at twice", seconds=9.0)
+    forge(evaluation, "sd+argmax", machine="another", seconds=9.0)
     assert states(evaluation)["sd+argmax"] == "re-run here"  # the answer is unchanged
-    forge(evaluation, "sd+argmax", frame=444.0)
+    forge(evaluation, "sd+argmax", note="looked at twice")
     assert states(evaluation)["sd+argmax"] == "claimed"
     assert states(evaluation)["er_count+argmax@frame"] == "re-run here"
 
@@ -155,6 +280,20 @@ def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, m
     monkeypatch.setattr(socket, "gethostname", lambda: "another")
     assert states(evaluation)["sd+argmax"] == "re-run elsewhere"
     assert states(evaluation)["a_net"] == "claimed"
+
+
+def test_a_row_of_two_evaluations_is_a_claim_until_both_are_run_again(call, evaluation, dataset, tmp_path):
+    write_sweep(tmp_path / "data/test/hill.h5", 400.0)
+    more = list_streams(tmp_path / "data", {"id": "hill", "scene": "hill"})
+    method, other = ("--method", "sd+argmax", "--method", "er_count+argmax@frame"), tmp_path / "other"
+    assert call("evaluate", dataset, *method, "--out", evaluation)[0] == 0
+    assert call("evaluate", more, *method, "--out", other)[0] == 0
+    for folder, source, state in ((evaluation, dataset, "claimed"), (other, more, "re-run here")):
+        assert call("leaderboard", "verify", folder, "--on", source)[0] == 0
+        assert {row.verified for row in read_leaderboard(evaluation, other)} == {state}
+    (other / "verification.json").unlink()
+    shutil.copytree(evaluation, tmp_path / "copy", ignore=lambda *names: ["verification.json"])
+    assert {row.verified for row in read_leaderboard(evaluation, tmp_path / "copy")} == {"re-run here"}
 
 
 @pytest.mark.parametrize("signature", ["", "no hex"])
@@ -182,7 +321,7 @@ def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
     (part / "test/board.h5").write_bytes((dataset / "test/board.h5").read_bytes())
     (part / "manifest.json").write_text(json.dumps(manifest))
     verdicts = {v.method: v for v in verify(evaluation, part).verdicts}
-    assert verdicts["sd+argmax"].reason == "leaf is not in the dataset (1 of 2 sequences)"
+    assert verdicts["sd+argmax"].reason == "leaf is not in split test (1 of 2 sequences)"
 
 
 def test_a_damaged_verification_is_one_line(call, evaluation, dataset):

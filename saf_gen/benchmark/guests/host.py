@@ -6,6 +6,7 @@ the guest does, the worst that can happen is that its own runs fail.
 
 import atexit
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -67,6 +68,14 @@ class Limits:
 
     def __str__(self) -> str:
         return f"{self.run_s:g} s, {self.resident_bytes >> 20:,} MiB"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the limits that were written as this text; raise BadInput if they were not."""
+        match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?) s, (\d[\d,]{1,9}) MiB", text, re.ASCII)
+        if not match:
+            raise BadInput(f"the limits are {text!r:.60}", allowed=f"seconds and memory, such as {str(cls())!r}")
+        return cls(run_s=float(match[1]), resident_bytes=int(match[2].replace(",", "")) << 20)
 
 
 class GuestView(View, Protocol):
