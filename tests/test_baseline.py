@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 RECORD = {
-    "method": "sd+argmax", "sequence": "camel-constant-00", "region": "target", "status": "answered", "position": 0.25,
+    "method": "sd+argmax", "sequence": "camel-constant-00", "status": "answered", "position": 0.25,
     "frame": 1000.0, "trace": [1.0, None], "error": -0.01, "error_frames": -40.0, "error_dof": -0.3,
     "frames_seen": 4000, "lens_travel": 1.0, "operations": 1e6, "seconds": 0.5, "code": "a1b2", "machine": "one",
 }  # fmt: skip
@@ -77,7 +77,7 @@ def test_one_value_that_changed_is_found_and_named(hold, read, key, value, row):
     code, shown = hold(read(), read(**{key: value}))
     assert code == 1
     (line,) = (line for line in shown.splitlines() if f"recorded: {row} " in line)
-    assert line.endswith(f"| sd+argmax camel-constant-00 target {key} |")
+    assert line.endswith(f"| sd+argmax camel-constant-00 {key} |")
     assert "10 equal, 1 different" in shown
 
 
@@ -102,7 +102,7 @@ def test_what_only_one_commit_has_is_listed_and_fails_only_if_asked(hold, read, 
     code, shown = hold(before, after)
     assert code == 0
     assert "| −camel, −fan |" in shown
-    assert "| −sd+argmax camel-constant-00 target error_frames |" in shown
+    assert "| −sd+argmax camel-constant-00 error_frames |" in shown
     assert "3 in one commit only" in shown
 
 

@@ -36,7 +36,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 SHOWN = 3  # names a row
@@ -51,20 +51,15 @@ NAMES: dict[str, dict[str, tuple[str, ...]]] = {
 """Values of a record that are compared, by the row of the table that counts them, each with the keys under which a
 commit may have it; the first key that a record has counts, and a dot leads into a part of it. Seconds, versions, hosts,
 notes and digests of code are not among them."""
-WHO = {"method": ("method",), "sequence": ("sequence",), "region": ("region",)}
+WHO = {"method": ("method",), "sequence": ("sequence",)}
 """What tells the records of an evaluation apart, likewise."""
 
 PROBE = """
-import json, sys
-from pathlib import Path
-import saf_gen
+import json, saf_gen
 from saf_gen.generate.recipe import recipe_names
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.scene.scene_folder import find_scene, scene_names
-
-def tell(*values):
-    print(json.dumps(values))
-
+def tell(*values): print(json.dumps(values))
 tell("file", saf_gen.__file__)
 for name in scene_names():
     tell("scenes", "digest", name, find_scene(name).digest)
@@ -121,9 +116,8 @@ class Result:
         self.values.setdefault(dataset, {}).setdefault(kind, {})[name] = value
 
 
-@dataclass(frozen=True)
-class Row:
-    """How one kind of values of a dataset compares."""
+class Row(NamedTuple):
+    """How one kind of values of a dataset compares: names that differ, and that only one commit has."""
 
     dataset: str
     kind: str
@@ -277,11 +271,9 @@ def describe_machine() -> str:
 
 
 def compare(before: Result, after: Result) -> list[Row]:
-    """Return the rows of two results; raise ValueError if they are of different machines or gates."""
+    """Return the rows of two results; raise ValueError if they are of different machines."""
     if before.machine != after.machine:
         raise ValueError(f"the results are of two machines, {before.machine} and {after.machine}: run both on one")
-    if before.gate != after.gate:
-        raise ValueError(f"the results are of gates {before.gate} and {after.gate}: run both with one --gate")
     rows, sides = [], (before.values, after.values)
     for dataset in dict.fromkeys([*before.values, *after.values]):
         kinds = [side.get(dataset, {}) for side in sides]
@@ -296,13 +288,12 @@ def compare(before: Result, after: Result) -> list[Row]:
 
 def format_table(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table; a name that only one commit has is signed."""
-    lines = [["dataset", "what", "equal", "different", "only before", "only after", "names"]]
+    lines = [["dataset", "what", "equal", "different", "only before", "only after", "names"], ["---"] * 7]
     for row in rows:
         signed = (("", row.different), ("−", row.before), ("+", row.after))
         names = [f"{sign}{name}" for sign, listed in signed for name in listed[:SHOWN]]
         counts = [row.equal, len(row.different), len(row.before), len(row.after)]
         lines.append([row.dataset, row.kind, *map(str, counts), ", ".join(names)])
-    lines.insert(1, ["---"] * len(lines[0]))
     widths = [max(len(line[n]) for line in lines) for n in range(len(lines[0]) - 1)]
     return "\n".join(f"| {' | '.join([*map(str.ljust, line[:-1], widths), line[-1]])} |" for line in lines)
 
