@@ -155,24 +155,37 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     rows, columns, _ = spikes.shape
     if rows * columns > MAX_PIXELS:
         raise BadInput(f"/spikes has {rows * columns:,} pixels", where=where, allowed=f"at most {MAX_PIXELS:,}")
-    if spikes.chunks is not None and math.prod(spikes.chunks) > MAX_CHUNK_BYTES:
-        raise BadInput(
-            f"/spikes has chunks of {math.prod(spikes.chunks):,} bytes",
-            where=where,
-            allowed=f"at most {MAX_CHUNK_BYTES:,}",
-        )
-    if spikes.chunks is None:
-        parts, written = 1, int(spikes.id.get_storage_size() > 0)
+    check_stored(spikes, where=where)
+    return spikes
+
+
+def check_stored(item: h5py.Dataset, *, where: str) -> None:
+    """Raise BadInput if a dataset that is read in pieces has too large chunks, or was not written to its end."""
+    if item.chunks is None:
+        parts, written = min(item.size, 1), int(item.id.get_storage_size() > 0)
     else:
-        parts = math.prod(-(-n // c) for n, c in zip(spikes.shape, spikes.chunks, strict=True))
-        written = spikes.id.get_num_chunks()
+        if (held := math.prod(item.chunks) * item.dtype.itemsize) > MAX_CHUNK_BYTES:
+            raise BadInput(
+                f"{item.name} has chunks of {held:,} bytes", where=where, allowed=f"at most {MAX_CHUNK_BYTES:,}"
+            )
+        parts = math.prod(-(-n // c) for n, c in zip(item.shape, item.chunks, strict=True))
+        written = item.id.get_num_chunks()
     if written < parts:  # HDF5 would read zeros there
         raise BadInput(
-            f"/spikes was not written to its end: {written:,} of {plural(parts, 'chunk')}",
+            f"{item.name} was not written to its end: {written:,} of {plural(parts, 'chunk')}",
             where=where,
             hint="write or copy the file again",
         )
-    return spikes
+
+
+def check_deflated(item: h5py.Dataset, *, where: str) -> None:
+    """Raise BadInput if a chunk has more bytes in the file than in memory: HDF5 would inflate it a thousandfold."""
+    held = math.prod(item.chunks) * item.dtype.itemsize
+    largest = held + held // 100 + 1024  # what cannot be compressed grows a little
+    if size := item.id.chunk_iter(lambda chunk: chunk.size if chunk.size > largest else None):
+        raise BadInput(
+            f"{item.name} has a chunk of {size:,} bytes that holds {held:,}", where=where, hint="make it again"
+        )
 
 
 def read_small_datasets(
@@ -184,9 +197,10 @@ def read_small_datasets(
     anything that a stream does not contain.
     """
     checked_heaps = {0}
-    _check_names(file, "", where=where, known=[*GROUPS, *(name for name in bulk if "/" not in name)])
+    groups = dict.fromkeys([*GROUPS, *(name.split("/")[0] for name in bulk if "/" in name)])
+    _check_names(file, "", where=where, known=[*groups, *(name for name in bulk if "/" not in name)])
     with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
-        for group in GROUPS:
+        for group in groups:
             if group not in file:
                 continue
             _check_link(file, group, where=where)
@@ -248,8 +262,10 @@ def open_dataset(file: h5py.File, name: str, *, where: str, bulk: bool = False) 
     if stored.get_layout() == h5py.h5d.VIRTUAL or stored.get_external_count():
         raise BadInput(f"/{name} is stored in other files", where=where, allowed="data inside the file")
     filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
-    if not set(filters) <= set(ALLOWED_FILTERS):
-        raise BadInput(f"/{name} has the filters {filters}", where=where, allowed="deflate (1) and shuffle (2)")
+    if not set(filters) <= set(ALLOWED_FILTERS) or len(set(filters)) < len(filters):  # deflated twice, a millionfold
+        raise BadInput(
+            f"/{name} has the filters {filters}", where=where, allowed="deflate (1) and shuffle (2), each once"
+        )
     plain = dtype.kind in "buif" and dtype.itemsize <= 8 and not dtype.subdtype
     if shape is None or not (plain or h5py.check_string_dtype(dtype)):
         raise BadInput(f"/{name} holds {dtype}", where=where, allowed="numbers or text")
