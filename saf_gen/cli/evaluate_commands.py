@@ -87,14 +87,8 @@ def evaluate_command(
     failed: Annotated[
         bool, typer.Option("--failed", help="Repeat only what failed in the evaluation by the same options.")
     ] = False,
-    figures: Annotated[
-        bool, typer.Option("--figures", help="Also draw figures for print, as SVG; the page needs none.")
-    ] = False,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", help="Also write these figures as PDF, in the width of a paper's column.")
-    ] = False,
 ) -> None:
-    """Run focus methods on recordings, rank them, and write tables, figures and a page."""
+    """Run focus methods on recordings, rank them, and write tables and a page."""
     from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits
@@ -156,9 +150,7 @@ def evaluate_command(
         rows = rank_methods(result.records)
         title = data.resolve().name
         delivered = picture_answers(selection.tasks, result.records, rows=rows)
-        written = write_evaluation(
-            target, rows=rows, evaluation=result, title=title, figures=figures, pdf=pdf, delivered=delivered
-        )
+        written = write_evaluation(target, rows=rows, evaluation=result, title=title, delivered=delivered)
         kept.remove()
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program

@@ -39,7 +39,6 @@ FOREIGN = {
     "leaderboard.json": (f"{EVALUATE} --out OUT", "no evaluation wrote it"),
     "leaderboard.csv": (f"{EVALUATE} --out OUT", "no evaluation wrote it"),
     "index.html": (f"{EVALUATE} --out OUT", "no evaluation wrote it"),
-    "figures/mine.svg": (f"{EVALUATE} --out OUT", "no evaluation wrote it"),
     "leaderboard.md": (f"{MERGE} OUT", "no evaluation wrote it"),
     "curves.csv": (f"{MERGE} OUT", "no evaluation wrote it"),
     "notes.txt": ("pack data --out OUT --licence CC0-1.0", "is not empty"),

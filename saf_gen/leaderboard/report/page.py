@@ -166,7 +166,6 @@ def build_page(
     *,
     title: str,
     charts: Sequence[Chart] = (),
-    figures: Sequence[str] = (),
     delivered: Delivered | None = None,
     results: Results | None = None,
 ) -> str:
@@ -182,8 +181,6 @@ def build_page(
         Heading, such as the name of the dataset.
     charts : sequence of Chart, optional
         Charts of the page.
-    figures : sequence of str, optional
-        Names of the figures beside the page, as ``figures/NAME.svg``.
     delivered : Delivered, optional
         What some methods delivered.
     results : Results, optional
@@ -218,7 +215,6 @@ def build_page(
             headline=_headline(rows, records),
             scatter=plot_times(rows),
             delivered=delivered,
-            figures=figures,
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
             sections=_list_sections(evaluation, results or compute_results(rows, records), charts=charts),
