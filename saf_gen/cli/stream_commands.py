@@ -428,7 +428,7 @@ def inspect_command(
 
 def view_command(
     stream: Annotated[Path, typer.Argument(help="File of spikes, photons, events or frames.")],
-    target: Annotated[Path, typer.Option("--out", help="File to write: .png, .pdf, .svg, .gif, .mp4 or .html.")],
+    target: Annotated[Path, typer.Option("--out", help="File to write: .png, .svg, .gif or .html.")],
     *,
     kind: Annotated[
         str,
@@ -447,7 +447,7 @@ def view_command(
     ] = None,
     measure: Annotated[list[str] | None, typer.Option(help="Focus measure whose curve is drawn; repeatable.")] = None,
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
-    fps: Annotated[float, typer.Option(help="Pictures per second of .gif, .mp4 and .html.")] = 12.0,
+    fps: Annotated[float, typer.Option(help="Pictures per second of .gif and .html.")] = 12.0,
 ) -> None:
     """Draw pictures of a recording, together with its lens position, light, truth and scores."""
     from saf_gen.benchmark.admission import admit_measure
