@@ -20,8 +20,6 @@ IMPORTERS = {
     "mitsuba": ["render"],
     "drjit": ["render"],
     "OpenEXR": ["core.exr"],
-    "fsspec": ["core.object_store"],
-    "s3fs": [],
     "h5py": [
         "stream.checked_file",
         "stream.event_file",

@@ -39,7 +39,6 @@ from saf_gen.benchmark.tracks.recorded import check_leaves_lens
 from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_evaluate
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
-from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.core.plain_text import plural
 from saf_gen.core.region import REGIONS
 from saf_gen.core.user_code import named_user_code
@@ -59,7 +58,7 @@ ProgressCallback = Callable[[int, int, str], None]
 
 
 def evaluate(
-    source: str | Path | StorePath,
+    source: str | Path,
     *,
     methods: Sequence[str] | None = None,
     split: str | None = None,
@@ -79,8 +78,8 @@ def evaluate(
 
     Parameters
     ----------
-    source : str, Path or StorePath
-        Dataset folder or stream file, on a disk or in an object store.
+    source : str or Path
+        Dataset folder or stream file.
     methods : sequence of str, optional
         Names of methods. The default is no method if there are predictions, DEFAULT_CLOSED_LOOP_METHODS if there is a
         protocol, and DEFAULT_RECORDED_METHODS otherwise.
@@ -131,22 +130,16 @@ def evaluate(
         If a split, scene motion, region or method is unknown; if no split is given for a dataset with several splits,
         none of them called ``test``; if a measure assumes another camera's noise;
         if a method commands the lens and there is no protocol; if predictions do not fit the sequences, which is
-        checked before anything runs, or come with a protocol; if a dataset in an object store is evaluated with a
-        protocol or a cluster; if a single stream cannot be read; if the protocol suits no sequence; or if a worker
-        cannot be used.
+        checked before anything runs, or come with a protocol; if a single stream cannot be read; if the protocol suits
+        no sequence; or if a worker cannot be used.
     SafGenError
         If the scheduler of the cluster is lost.
     """
-    path, asked = find_path(source), methods is not None
+    path, asked = Path(source), methods is not None
     if methods is None and predictions is not None:
         methods = ()
     elif methods is None:
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
-    if isinstance(path, StorePath) and (protocol is not None or cluster is not None):
-        what = "the closed loop" if protocol is not None else "--cluster"
-        raise BadInput(
-            f"{what} does not work on a dataset in an object store", where=str(path), hint="copy it to a disk first"
-        )
     chosen = parse_methods(methods, limits)
     if protocol is None:
         check_leaves_lens(list(chosen.values()))

@@ -41,12 +41,7 @@ OperationRate = Annotated[
 
 
 def evaluate_command(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Dataset folder or stream file, here or at s3://BUCKET/NAME; or sample, which comes with saf_gen."
-        ),
-    ],
+    source: Annotated[Path, typer.Argument(help="Dataset folder or stream file; or sample, which comes with saf_gen.")],
     *,
     split: Annotated[
         str | None, typer.Option(help="Split to rank, or all of them together (default: test, or the only split).")
@@ -91,8 +86,7 @@ def evaluate_command(
     from saf_gen.benchmark.guests.host import Limits
     from saf_gen.benchmark.kept_sequences import KeptSequences
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-    from saf_gen.core.files import check_writable, lock_folder
-    from saf_gen.core.object_store import StorePath, find_path
+    from saf_gen.core.files import check_on_disk, check_writable, lock_folder
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.outcomes import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
@@ -105,11 +99,9 @@ def evaluate_command(
     named = [*(method or ()), *(read_methods(methods, limits) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep, op_rate=op_rate)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
-    data = find_path(source)
+    check_on_disk(data := source)
     if str(source) == SAMPLE and not source.exists():
         data, target = sample(), folder or Path(f"{SAMPLE}-{name}")
-    elif isinstance(data, StorePath):
-        target = folder or Path(f"{data.stem}-{name}")
     else:
         target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
     check_replaceable(target)

@@ -400,9 +400,7 @@ def index_command(
     out.print(f"{size}; next: {manifest.next_command(folder)}", soft_wrap=True)
 
 
-def inspect_command(
-    stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
-) -> None:
+def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
     """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
     from saf_gen.stream.description import describe_content, describe_events, describe_frames, describe_provenance
     from saf_gen.stream.event_file import has_events, open_events

@@ -7,7 +7,7 @@ memory. A stream has a few known datasets, stored inside the file; this is check
 import math
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -15,7 +15,6 @@ from typing import IO, Any, Self
 import h5py
 import numpy as np
 
-from saf_gen.core.object_store import AnyPath, ObjectReader
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS, metadata_from_datasets
@@ -76,7 +75,7 @@ class CheckedFile:
 
     Attributes
     ----------
-    path : AnyPath
+    path : Path
         The file.
     metadata : Metadata
         Lens, light and truth, as in a stream file; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are its.
@@ -84,7 +83,7 @@ class CheckedFile:
         Digest of the content.
     """
 
-    path: AnyPath
+    path: Path
     shape: tuple[int, int, int]
     readout_hz: float
 
@@ -189,17 +188,16 @@ def check_deflated(item: h5py.Dataset, *, where: str) -> None:
 
 
 def read_small_datasets(
-    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes", SHARP)
+    file: h5py.File, where: str, *, bulk: tuple[str, ...] = ("spikes", SHARP)
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except those that ``bulk`` names; text is str.
 
-    ``reader`` is the object through which ``file`` is read from an object store. Raises BadInput before reading
-    anything that a stream does not contain.
+    Raises BadInput before reading anything that a stream does not contain.
     """
     checked_heaps = {0}
     groups = dict.fromkeys([*GROUPS, *(name.split("/")[0] for name in bulk if "/" in name)])
     _check_names(file, "", where=where, known=[*groups, *(name for name in bulk if "/" not in name)])
-    with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
+    with Path(file.filename).open("rb") as raw:
         for group in groups:
             if group not in file:
                 continue
@@ -279,9 +277,7 @@ def open_dataset(file: h5py.File, name: str, *, where: str, bulk: bool = False) 
     return item
 
 
-def _check_text_length(
-    item: h5py.Dataset, raw: IO[bytes] | ObjectReader, *, where: str, checked_heaps: set[int]
-) -> None:
+def _check_text_length(item: h5py.Dataset, raw: IO[bytes], *, where: str, checked_heaps: set[int]) -> None:
     """Raise BadInput if a dataset of text is too long.
 
     The lengths of variable-length texts are read from the ``raw`` file, where they are stored with the references to
@@ -306,7 +302,7 @@ def _check_text_length(
         raise BadInput(f"{item.name} holds {total:,} bytes of text", where=where, allowed=f"at most {MAX_TEXT_BYTES:,}")
 
 
-def _check_text_heap(raw: IO[bytes] | ObjectReader, begin: int, *, where: str) -> None:
+def _check_text_heap(raw: IO[bytes], begin: int, *, where: str) -> None:
     """Raise BadInput if the pieces of a text heap do not follow each other to its end; HDF5 would read it for ever.
 
     References
