@@ -112,10 +112,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "verify": leaderboard_commands.verify_evaluation_command,
         },
     ),
-    "submit": (
-        "Submit a method: create a submission, or check it.",
-        {"new": leaderboard_commands.new_submission_command, "check": leaderboard_commands.check_submission_command},
-    ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
         {"show": method_commands.show_method_command, "check": method_commands.check_method_command},

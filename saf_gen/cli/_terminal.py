@@ -53,7 +53,7 @@ err = _PlainConsole(stderr=True, soft_wrap=True, markup=False, highlight=False)
 LOG_EVERY_S = 30.0
 AT_WORK_EVERY_S = 15.0
 LEVEL_STYLES = {"ok": "green", "warning": "yellow", "error": "bold red"}
-"""Style of each level of findings about a scene or a submission."""
+"""Style of each level of findings about a scene or a method."""
 RecipeName = Annotated[str, typer.Argument(help="A recipe that comes with saf_gen, by name, or a recipe file.")]
 ClusterAddress = Annotated[
     str | None, typer.Option("--cluster", help="Address of a Dask scheduler to run on, such as tcp://host:8786.")

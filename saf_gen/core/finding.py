@@ -1,4 +1,4 @@
-"""The finding of a check: of a scene, of a method, or of a submission."""
+"""The finding of a check: of a scene, or of a method."""
 
 from dataclasses import dataclass
 from typing import Literal

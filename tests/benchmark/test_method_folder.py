@@ -1,10 +1,8 @@
 """A folder with a card is one method: it runs as a guest, wherever the name of a method can stand."""
 
 import shutil
-from dataclasses import replace
 
 import pytest
-from handmade_records import BLANK
 from planted_sweeps import write_three_sweeps
 from refusals import refusal
 
@@ -13,7 +11,6 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_folder import folder_name
 from saf_gen.benchmark.method_spec import TunedMethod, format_tuned, split_halves
 from saf_gen.benchmark.records import record_to_json
-from saf_gen.leaderboard.submission import SubmissionCard, _check_method, records_of
 from saf_gen.leaderboard.tuning import expand_grid
 
 CARD = """name: my net
@@ -154,15 +151,3 @@ def test_the_command_checks_a_folder(folder, call):
     assert (code, err) == (0, "")
     assert "0 fail" in out
     assert "Variance of counts" in call("methods", "show", "my_method/")[1]
-
-
-def test_a_submission_may_be_a_folder(folder, tmp_path):
-    _check_method("my_method/", tmp_path)
-    assert "outside" in refusal(_check_method, "../my_method/", tmp_path).problem
-    (folder / "method.yaml").write_text(CARD.replace("Net", "Nett"))
-    assert "'Nett'" in refusal(_check_method, "my_method/", tmp_path).problem
-    stated = {"no_test_data_in_training": True, "test_was_run_once": True, "answers_use_no_truth": True}
-    card = SubmissionCard(name="a", title="t", authors=("b",), licence="MIT", date="2026-11-26", dataset="d",
-                          track="recorded", method="my_method/", statements=stated)  # fmt: skip
-    rows = [replace(BLANK, method=name) for name in ("sub/my_method/", "sd+argmax")]
-    assert records_of(rows, card) == rows[:1]

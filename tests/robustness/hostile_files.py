@@ -644,7 +644,7 @@ def documents(random: Random, folder: Path) -> Hostile:
         ("data/manifest.json", "pack data --out out --licence MIT"), ("packed/index.json", "fetch packed --out out"),
         ("a.jsonl", "evaluate whole --predictions a.jsonl --out out"), ("tuned.json", "methods show @tuned.json"),
         ("tuned.json", "evaluate whole --method @tuned.json --out out"), ("judged/records.jsonl", "leaderboard judged"),
-        ("judged/records.jsonl", "leaderboard verify judged --on whole"), ("judged/records.jsonl", "submit check judged"),
+        ("judged/records.jsonl", "leaderboard verify judged --on whole"),
         ("a.txt", "evaluate whole --methods a.txt --out out"),
     )  # fmt: skip
     path = folder / where
