@@ -86,13 +86,8 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {"index": stream_commands.index_command, "merge": dataset_commands.merge_shards_command},
     ),
     "recipes": (
-        "List and check recipes, and seal a test split until everybody has submitted.",
-        {
-            "list": recipe_commands.list_recipes_command,
-            "check": recipe_commands.check_recipe_command,
-            "seal": recipe_commands.seal_command,
-            "unseal": recipe_commands.unseal_command,
-        },
+        "List and check recipes.",
+        {"list": recipe_commands.list_recipes_command, "check": recipe_commands.check_recipe_command},
     ),
     "sensors": (
         "List, show and check sensors, compare them with recordings, and fit one to your camera.",

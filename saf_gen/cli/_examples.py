@@ -68,8 +68,6 @@ EXAMPLES = {
     "dataset merge": ("dataset merge quickstart shard1 shard2 --out datasets/quickstart",),
     "recipes list": ("recipes list",),
     "recipes check": ("recipes check my_recipe.yaml",),
-    "recipes seal": ("recipes seal my_recipe.yaml",),
-    "recipes unseal": ("recipes unseal my_recipe-sealed.yaml --secret my_recipe.secret",),
     "sensors list": ("sensors list",),
     "sensors show": ("sensors show vidar_400x250",),
     "sensors check": ("sensors check my_camera.yaml",),
