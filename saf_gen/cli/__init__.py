@@ -100,12 +100,8 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Merge evaluations into one ranking, rank methods on SAF's recordings, and verify rows.",
-        {
-            "merge": leaderboard_commands.merge_command,
-            "saf": leaderboard_commands.rank_on_saf_folder_command,
-            "verify": leaderboard_commands.verify_evaluation_command,
-        },
+        "Merge evaluations into one ranking, and verify rows.",
+        {"merge": leaderboard_commands.merge_command, "verify": leaderboard_commands.verify_evaluation_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
@@ -119,7 +115,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "recapture", "live"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture", "live"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(

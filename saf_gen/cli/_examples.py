@@ -16,10 +16,6 @@ EXAMPLES = {
     ),
     "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged", "leaderboard verify mine/evaluation"),
     "leaderboard merge": ("leaderboard merge mine/evaluation other/evaluation --out merged",),
-    "leaderboard saf": (
-        "leaderboard saf SAF/datasets --out ranked",
-        "leaderboard saf SAF/datasets --out ranked --beside mine/evaluation",
-    ),
     "leaderboard verify": (
         "leaderboard verify datasets/quickstart/evaluation",
         "leaderboard verify theirs --on mine --method their.py:Measure+argmax",
