@@ -2,12 +2,10 @@
 
 import fcntl
 import gc
-import logging
 import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import own_cores  # noqa: F401, first, because libraries count the cores when they are imported
 import pytest
@@ -123,41 +121,6 @@ def cluster_address() -> Iterator[str]:
     scheduler = {"cls": distributed.Scheduler, "options": {"dashboard": False, "dashboard_address": ":0"}}
     with distributed.SpecCluster(workers, scheduler=scheduler, silence_logs="CRITICAL") as made:
         yield made.scheduler_address
-
-
-@pytest.fixture(scope="session")
-def s3() -> Iterator[Any]:
-    """fsspec's file system of an S3 server in a thread of this process, with an empty bucket ``data``.
-
-    Its address and a user's credentials are in the environment, where commands find them.
-    """
-    import fsspec
-    from moto.server import ThreadedMotoServer
-
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    user = {"AWS_ACCESS_KEY_ID": "somebody", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"AWS_ENDPOINT_URL": f"http://{host}:{port}", **user}.items():
-            patch.setenv(name, value)
-        files = fsspec.filesystem("s3", use_listings_cache=False)
-        files.mkdir("data")
-        yield files
-    server.stop()
-
-
-@pytest.fixture
-def forget_store_clients() -> Iterator[None]:
-    """Hide fsspec's S3 clients, such as the fixture ``s3``, from a test that uses another server."""
-    from s3fs import S3FileSystem
-
-    kept = dict(S3FileSystem._cache)
-    S3FileSystem.clear_instance_cache()
-    yield
-    S3FileSystem.clear_instance_cache()
-    S3FileSystem._cache.update(kept)
 
 
 @pytest.fixture

@@ -14,6 +14,30 @@ RECORD = {
 }  # fmt: skip
 
 
+PACKAGE = """
+import json, sys
+from pathlib import Path
+command, source, *options = sys.argv[1:]
+values = dict(zip(options[::2], options[1::2]))
+out = Path(values.get("--out", "."))
+if command == "methods":
+    print(json.dumps({"measures": [{"name": "sd", "forms": ""}], "searches": []}))
+elif command in ("generate", "recapture"):
+    import h5py
+    out.mkdir()
+    (out / "manifest.json").write_text(json.dumps({"sequences": [{"id": "camel", "file": "camel.h5"}]}))
+    h5py.File(out / "camel.h5", "w").attrs["content_sha256"] = command
+elif command == "evaluate":
+    out.mkdir()
+    methods = Path(values["--methods"]).read_text().splitlines()
+    records = ({"method": m, "sequence": "camel", "error": len(values)} for m in methods)
+    (out / "records.jsonl").write_text("".join(json.dumps(r) + "\\n" for r in records))
+elif source == "moving_photons":
+    sys.exit("1 sequence is damaged")
+"""
+"""A package of which the commands do what gate 2 needs, with one that fails."""
+
+
 @pytest.fixture
 def baseline(monkeypatch):
     """The script, which finds a commit of any name."""
@@ -145,6 +169,21 @@ def test_methods_are_all_that_a_commit_lists_and_that_suit_the_camera(baseline, 
     assert "sd_code+argmax" in found["recorded"]
     assert "sd_code+ternary" in found["closed_loop"]
     assert not any(refused in method for methods in found.values() for method in methods)
+
+
+def test_gate_2_runs_the_commands_of_the_checkout_and_notes_what_fails(baseline, tmp_path):
+    (tmp_path / "checkout/saf_gen").mkdir(parents=True)
+    (tmp_path / "checkout/saf_gen/__init__.py").write_text("")
+    (tmp_path / "checkout/saf_gen/__main__.py").write_text(PACKAGE)
+    commit = baseline.Commit("a" * 12, tmp_path, 2)
+    commit.generate_and_evaluate()
+    assert commit.result.failed == {"verify moving_photons": "exit code 1: 1 sequence is damaged"}
+    values = commit.result.values
+    assert {name: kinds["content"]["camel"] for name, kinds in values.items()} == {
+        "moving": "generate", "moving_events": "recapture", "moving_photons": "recapture",
+    }  # fmt: skip
+    assert values["moving"]["recorded: error"] == {"sd+argmax camel error": 4}
+    assert values["moving"]["closed_loop: error"] == {"sd+golden_section camel error": 4}
 
 
 @pytest.mark.slow

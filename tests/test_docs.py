@@ -353,7 +353,7 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     """Run a saf-gen command at a small size.
 
     Recipes of the project are only planned, scenes get a sixth of the pixels and few samples, and sensors are compared
-    over 400 frames. At most one sequence gets figures, and a fitted sensor no plots. A live camera ends at once.
+    over 400 frames. At most one sequence gets charts, and a fitted sensor no plots. A live camera ends at once.
     """
     environment, (_, *arguments) = split_env(words)
     full_size = [name for p in (ROOT / "recipes").glob("*.yaml") for name in (p.stem, f"recipes/{p.name}")]
@@ -367,7 +367,6 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.charts.DRAWN_SEQUENCES", 1)
-        patch.setattr("saf_gen.leaderboard.report.choose_figures.MAX_SEQUENCES", 1)
         patch.setattr("saf_gen.cli.live_commands._stay", lambda: None)
         patch.setattr("webbrowser.open", lambda address: None)
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
@@ -417,7 +416,7 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"
-    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--figures", "--method", "sd+argmax"])
+    run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"])
     for row in table("docs/reference/leaderboard.md", "file"):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])

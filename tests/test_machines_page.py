@@ -1,4 +1,4 @@
-"""Steps of docs/how-to/machines.md and cluster.md are run as written: job arrays, certificates, an object store."""
+"""Steps of docs/how-to/cluster.md are run as written: job arrays, certificates."""
 
 import os
 import re
@@ -6,8 +6,7 @@ import shlex
 import socket
 import subprocess
 import sys
-import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,6 @@ from small_dataset import SCENES, SMALL_RECIPE
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs/how-to/cluster.md").read_text(encoding="utf-8")
-STEPS = (ROOT / "docs/how-to/machines.md").read_text(encoding="utf-8").split("## Keep datasets in an object store")[1]
 
 ONE_LIGHT = SMALL_RECIPE.replace("[constant, continuous, lamp_only]", "[constant]")
 RECIPE = ONE_LIGHT.replace("name: small", "name: quickstart")
@@ -104,60 +102,3 @@ def test_a_cluster_by_hand_with_certificates_evaluates_and_refuses_who_has_none(
         code, _, refused = call(*shlex.split(evaluate)[1:])
     assert (code, refused.count("\n")) == (2, 1), refused
     assert f"no Dask scheduler answers at 'tls://127.0.0.1:{port}': no certificates are set" in refused
-
-
-@pytest.mark.slow
-def test_a_dataset_is_generated_into_a_store_and_evaluated_from_it_as_the_page_says(
-    tmp_path, monkeypatch, call, capsys, forget_store_clients
-):
-    """Port and recipe are replaced, for a local server and a render of seconds; pip is not run.
-
-    The server and the creation of the bucket are separate processes; saf-gen and Python code run in this one.
-    """
-    port = find_port()
-    (tmp_path / "quickstart.yaml").write_text(RECIPE)
-    blocks = [
-        re.sub(r"generate quickstart", "generate ./quickstart.yaml", text)
-        .replace("5000", str(port))
-        .replace("usaf_target-constant-00", "plane-constant-00")
-        for text in re.findall(r"^```\n(.*?)^```$", STEPS, re.DOTALL | re.MULTILINE)
-    ]
-    install, variables, server, generate, evaluate, python = blocks
-    assert install == "pip install 'saf-gen[s3]'\n"
-    start, make_bucket = server.splitlines()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    monkeypatch.setenv("SAF_GEN_SCENES", str(SCENES))
-    for name, value in re.findall(r"(\w+)=(\S+)", variables):
-        monkeypatch.setenv(name, value)
-
-    def run(block):
-        printed = ""
-        for program, *words in map(shlex.split, block.splitlines()):
-            assert program == "saf-gen"
-            code, out, err = call(*words)
-            assert code == 0, err
-            printed += out
-        return printed
-
-    command = start.partition("&& ")[2].removesuffix(" &").replace("moto_server", f"{sys.executable} -m moto.server")
-    process = subprocess.Popen(["sh", "-c", f"exec {command}"], stderr=subprocess.DEVNULL, start_new_session=True)
-    try:
-        for _ in range(600):
-            with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
-                break
-            time.sleep(0.1)
-        subprocess.run(["sh", "-ec", make_bucket], check=True)
-        generated = run(generate)
-        assert "to upload to s3://lab/quickstart: about" in generated
-        assert "1 sequence recorded, 0 kept from before" in generated
-        assert "1 of 1 sequence is intact" in generated
-        assert "s3://lab/quickstart/test/plane-constant-00.h5" in run(evaluate)
-        assert (tmp_path / "results/leaderboard.json").is_file()
-        assert (tmp_path / "target.png").stat().st_size > 1_000
-        exec(compile(python, str(tmp_path / "read.py"), "exec"), {"__name__": "__main__"})
-        assert capsys.readouterr().out.startswith("(400, 40, 64) ")
-        assert not list((tmp_path / "datasets").iterdir())
-    finally:
-        end_session(process)

@@ -8,7 +8,8 @@ recipes that a commit ships. Nothing is rendered and no script of a scene runs.
 Gate 2, about ten minutes a commit on two free cores, and all of gate 1: content_sha256 of recordings, and of what other
 cameras record of them; and answers, traces, errors and costs of all methods on these, in both tracks. The datasets:
 
-quickstart   recipes/quickstart.yaml: at rest, full size; recaptured by an event, a photon and a frame camera
+quickstart   recipes/quickstart.yaml: at rest, full size; recaptured by an event, a photon and a frame camera, which
+             are judged on the recorded track
 moving       MOVING below: two moving scenes, three lights, slices for the closed loop; recaptured by the first two
 ten          recipes/saf_bench-v3.yaml under another name: ten members of its test split
 variety      recipes/variety.yaml, if the commit ships it
@@ -183,20 +184,24 @@ class Commit:
                 self.judge(f"{dataset}_{camera}", listed, camera=camera, all_forms=False)
 
     def judge(self, name: str, listed: dict[str, Any], *, camera: str, all_forms: bool) -> None:
-        """Verify a dataset, take the digests of its recordings, and run methods on it."""
+        """Verify a dataset, take the digests of its recordings, also by a recipe's other cameras, and run methods."""
         import h5py
 
         self.saf_gen("verify", name)
-        entries = read_json(self.work / name / "manifest.json").get("sequences", [])
-        for entry in entries:
-            with h5py.File(self.work / name / entry["file"]) as file:
-                self.result.add(name, "content", entry["id"], str(file.attrs["content_sha256"]))
-        tracks = ["recorded", "closed_loop"][: 1 if camera == "frames" else 2]  # no closed loop has a frame camera
+        folders = [self.work / name, *sorted((self.work / name / "cameras").glob("*"))]
+        entries = [(folder, e) for folder in folders for e in read_json(folder / "manifest.json").get("sequences", ())]
+        for folder, entry in entries:
+            kind = "content" if folder == folders[0] else f"content, {folder.name}"
+            with h5py.File(folder / entry["file"]) as file:
+                self.result.add(name, kind, entry["id"], str(file.attrs["content_sha256"]))
+        # A closed loop of the full-size pictures of events alone would take as long as all else.
+        tracks = ["recorded", "closed_loop"][: 1 if name.startswith("quickstart_") else 2]
         for track in tracks if entries else ():
             methods = choose_methods(listed, camera=camera, track=track, all_forms=all_forms)
             out, options = f"{name}-{track}", LONG.get(name, ()) if track == "closed_loop" else ()
             (self.work / f"{out}.txt").write_text("\n".join(methods), encoding="utf-8")
-            self.saf_gen("evaluate", name, "--track", track, "--methods", f"{out}.txt", "--out", out, *options)
+            options = ("--split", "all", "--track", track, "--methods", f"{out}.txt", "--out", out, *options)
+            self.saf_gen("evaluate", name, *options)
             for kind, item, value in read_records(self.work / out / "records.jsonl"):
                 self.result.add(name, f"{track}: {kind}", item, value)
 

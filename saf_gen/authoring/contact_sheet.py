@@ -34,7 +34,7 @@ WIDTH, PIXELS = 7.16, 1600  # width in inches, two columns of a paper, and in pi
 # below it, and the margins on either side of it.
 TITLE, CAPTION, LINE, GAP = 0.22, 0.26, 0.13, 0.06
 PLOT, AXIS, LEFT, RIGHT = 1.5, 0.36, 0.48, 0.72
-FORMS = ("png", "pdf", "svg")
+FORMS = ("png", "svg")
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def write_preview(stack: FocalStack, sensor: Sensor, *, path: Path) -> None:
 
 
 def draw_sheet(sheet: ContactSheet, path: Path) -> None:
-    """Write a contact sheet as PNG (1600 pixels wide), PDF or SVG, by the ending of the file.
+    """Write a contact sheet as PNG (1600 pixels wide) or SVG, by the ending of the file.
 
     Raises BadInput for another ending.
     """
@@ -95,8 +95,7 @@ def draw_sheet(sheet: ContactSheet, path: Path) -> None:
     with use_plot_style(COLUMN_STYLE):
         figure = _draw_sheet(sheet, _list_cells(sheet))
         with atomic_file(path) as written:
-            nothing: Any = dict.fromkeys({"pdf": ("CreationDate",), "svg": ("Date",)}.get(form, ()))
-            figure.savefig(written, format=form, metadata=nothing)
+            figure.savefig(written, format=form, metadata={"Date": None} if form == "svg" else None)
 
 
 def sheet_form(path: Path) -> str:

@@ -29,7 +29,7 @@ def preview_scene(
     backend: str = "auto",
     progress: Callable[[float], None] = lambda done: None,
 ) -> None:
-    """Write the contact sheet of a scene as PNG, PDF or SVG, by the ending of ``path``.
+    """Write the contact sheet of a scene as PNG or SVG, by the ending of ``path``.
 
     The target may be out of reach or out of sight. ``progress`` gets the fraction done, 0 to 1. Raises BadInput before
     anything is rendered if the file has another ending, and if the scene cannot be built or loaded.

@@ -23,7 +23,6 @@ from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
 from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.records import READ_LATE, Record
-from saf_gen.benchmark.repetition import Repetition, plan_repetition
 from saf_gen.benchmark.results import Drawn, Evaluation, LateFile, SequenceFailure
 from saf_gen.benchmark.search_run import to_one_line
 from saf_gen.benchmark.sequence_evaluation import (
@@ -40,7 +39,6 @@ from saf_gen.benchmark.tracks.recorded import check_leaves_lens
 from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_evaluate
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
-from saf_gen.core.object_store import StorePath, find_path
 from saf_gen.core.plain_text import plural
 from saf_gen.core.region import REGIONS
 from saf_gen.core.user_code import named_user_code
@@ -60,7 +58,7 @@ ProgressCallback = Callable[[int, int, str], None]
 
 
 def evaluate(
-    source: str | Path | StorePath,
+    source: str | Path,
     *,
     methods: Sequence[str] | None = None,
     split: str | None = None,
@@ -74,15 +72,14 @@ def evaluate(
     draw: bool = True,
     limits: Limits | None = None,
     check: bool = True,
-    failed_in: str | Path | None = None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Evaluation:
     """Run methods on a dataset or on one stream, and judge their answers.
 
     Parameters
     ----------
-    source : str, Path or StorePath
-        Dataset folder or stream file, on a disk or in an object store.
+    source : str or Path
+        Dataset folder or stream file.
     methods : sequence of str, optional
         Names of methods. The default is no method if there are predictions, DEFAULT_CLOSED_LOOP_METHODS if there is a
         protocol, and DEFAULT_RECORDED_METHODS otherwise.
@@ -117,13 +114,9 @@ def evaluate(
     check : bool, default True
         Whether measures and searches that are not part of saf_gen are checked once, as by ``saf-gen methods check``;
         their records name the first check that they fail. This takes a second or two for each.
-    failed_in : str or Path, optional
-        Folder of an evaluation by the same options, of which only the pairs that failed are repeated; its other rows
-        are kept if a new run would give them again. The result has no sweeps and no curves, which records do not hold.
-        It has no records if no pair failed.
     tell : callable, optional
-        Called with a line for the user if a sequence is evaluated again because a worker died, if the cluster has
-        no workers, and for what is repeated.
+        Called with a line for the user if a sequence is evaluated again because a worker died, or if the cluster has
+        no workers.
 
     Returns
     -------
@@ -137,22 +130,16 @@ def evaluate(
         If a split, scene motion, region or method is unknown; if no split is given for a dataset with several splits,
         none of them called ``test``; if a measure assumes another camera's noise;
         if a method commands the lens and there is no protocol; if predictions do not fit the sequences, which is
-        checked before anything runs, or come with a protocol; if a dataset in an object store is evaluated with a
-        protocol or a cluster; if a single stream cannot be read; if the protocol suits no sequence; or if a worker
-        cannot be used.
+        checked before anything runs, or come with a protocol; if a single stream cannot be read; if the protocol suits
+        no sequence; or if a worker cannot be used.
     SafGenError
         If the scheduler of the cluster is lost.
     """
-    path, asked = find_path(source), methods is not None
+    path, asked = Path(source), methods is not None
     if methods is None and predictions is not None:
         methods = ()
     elif methods is None:
         methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
-    if isinstance(path, StorePath) and (protocol is not None or cluster is not None):
-        what = "the closed loop" if protocol is not None else "--cluster"
-        raise BadInput(
-            f"{what} does not work on a dataset in an object store", where=str(path), hint="copy it to a disk first"
-        )
     chosen = parse_methods(methods, limits)
     if protocol is None:
         check_leaves_lens(list(chosen.values()))
@@ -176,16 +163,6 @@ def evaluate(
             left_out=selection.left_out,
             running_methods=[method.name for group in groups.values() for method in group],
         )
-    again = None
-    if failed_in is not None:
-        for what, given in (("a closed loop", protocol), ("predictions", predictions), ("a cluster", cluster)):
-            if given is not None:
-                raise BadInput(f"--failed is given with {what}", hint="leave out one of the two")
-        again = plan_repetition(Path(failed_in), tasks, groups=groups)
-        tell(_describe_repetition(again))
-        if not again.failed:
-            return Evaluation((), (), ())
-        keep, draw = None, False
     if protocol is not None:
         # Imported late because this loads the reader of OpenEXR files.
         from saf_gen.benchmark.tracks.rehearsal import describe_short_budget
@@ -213,8 +190,6 @@ def evaluate(
     if cluster is not None:
         named = NamedMethods.of(methods, region, groups=groups, limits=limits or Limits())
         run = partial(_run_on_cluster, cluster=Cluster(cluster, Path(str(path))), methods=named, notify=tell)
-    elif again is not None:
-        run = partial(_run_locally, again=again)
     ended = run(tasks, groups, drawn=drawn, store=store, protocol=protocol, predictions=prediction_set, step=step)
     try:
         with store, closing(ended):
@@ -244,11 +219,11 @@ def evaluate(
             replace(record, failed_check=failed[record.code]) if record.code in failed else record
             for record in note_late_files([record for part in in_order for record in part.records], late)
         ),
-        sweeps=() if again is not None else tuple(sweep for part in in_order for sweep in part.sweeps),
+        sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_plugins(chosen.values()),
-        curves=() if again is not None else tuple(curve for part in in_order for curve in part.curves),
+        curves=tuple(curve for part in in_order for curve in part.curves),
         read_late=late,
     )
 
@@ -299,21 +274,17 @@ def _run_locally(
     protocol: "ClosedLoopProtocol | None",
     predictions: PredictionSet | None,
     step: Callable[[int, str], None],
-    again: Repetition | None = None,
 ) -> Generator[EndedSequence]:
-    """Evaluate the sequences one after the other in this process, or only what is repeated of them."""
+    """Evaluate the sequences one after the other in this process."""
     count = max(1, sum(map(len, groups.values())))
     for number, task in enumerate(tasks):
         draw = drawn.get(number, "")
         part = store.reuse(task, draw=draw)
-        if again is not None and not any(again.missing(task, groups).values()):
-            part = again.complete(task, Evaluation((), (), ()), groups=groups)
         if part is None:
-            missing = groups if again is None else again.missing(task, groups)
             try:
                 part = evaluate_sequence(
                     task,
-                    missing,
+                    groups,
                     protocol=protocol,
                     predictions=predictions,
                     # The last step is left for when the answers are kept.
@@ -326,23 +297,11 @@ def _run_locally(
                 step(count, f"{task.id} failed")
                 yield number, None, error
                 continue
-            if again is not None:
-                part = again.complete(task, part, groups=groups)
             store.keep(task, part, draw=draw)
             step(count, task.id)
         else:
             step(count, f"{task.id} was already evaluated")
         yield number, part, None
-
-
-def _describe_repetition(again: Repetition) -> str:
-    """Return what is repeated and what is kept, in one line."""
-    other = f"{plural(again.outdated, 'pair')} whose code, limits or data may not be what they were"
-    kept = f"{plural(len(again.kept), 'pair')} of method and sequence kept"
-    if not again.failed:
-        rest = f"; {other}: leave out --failed to repeat them" if again.outdated else ""
-        return f"no pair of method and sequence failed, so nothing is repeated{rest}"
-    return f"{plural(again.failed, 'failed pair')} repeated{f', and {other}' if again.outdated else ''}; {kept}"
 
 
 def _run_on_cluster(

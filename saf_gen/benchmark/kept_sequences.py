@@ -28,9 +28,7 @@ from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.core.files import atomic_file
-from saf_gen.core.object_store import AnyPath
 from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed, sign_as_user
-from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -84,7 +82,7 @@ class KeptSequences:
         *,
         protocol: "ClosedLoopProtocol | None",
         predictions: PredictionSet | None,
-        stacks: AnyPath,
+        stacks: Path,
     ) -> Self:
         """Read the results of an earlier run, and define the evaluation that they must belong to.
 
@@ -96,7 +94,7 @@ class KeptSequences:
             Protocol of the closed loop.
         predictions : PredictionSet or None
             Answers that were made elsewhere.
-        stacks : Path or StorePath
+        stacks : Path
             Folder of the focal stacks from which a closed loop is captured.
 
         Returns
@@ -165,7 +163,7 @@ class KeptSequences:
         try:
             status = task.path.stat()
             file = [status.st_size, status.st_mtime_ns]
-        except (OSError, BadInput):  # BadInput comes from an object store
+        except OSError:
             file = []
         decisive = [*self._decisive, {**asdict(task), "path": file}, draw]
         return hashlib.sha256(json.dumps(decisive).encode()).hexdigest()

@@ -194,13 +194,9 @@ class Record:
     error_optimum_dof: Position | None = None
     """Answer minus ``optimum``, in depths of focus: the error that the truth, which weighs all pixels of the target
     alike, does not explain. The key is missing if it is unknown."""
-    least_blur: Position | None = None
-    """Position of the least blur at the answer, if a lens with aberrations has it more than 0.15 depths of focus from
-    the truth, its largest contrast. The key is missing otherwise, as are the next two."""
-    error_least_blur_dof: Position | None = None
-    """Answer minus ``least_blur``, in depths of focus."""
     success_least_blur: Flag | None = None
-    """Success within one depth of focus if the least blur were the truth."""
+    """Success within one depth of focus if the least blur were the truth, where a lens with aberrations has its least
+    blur more than 0.15 depths of focus from the truth, its largest contrast. The key is missing otherwise."""
     in_focus: Flag | None = None
     """Whether something of the target's middle 80 % of pixels is in focus at the answer, for a tilted or deep target,
     of which something is over more than 1.3 depths of focus. The key is missing otherwise."""
@@ -231,7 +227,7 @@ class Record:
 
 
 KEYS_WHERE_KNOWN = (
-    "failed_check", "optimum", "error_optimum_dof", "least_blur", "error_least_blur_dof", "success_least_blur",
+    "failed_check", "optimum", "error_optimum_dof", "success_least_blur",
     "in_focus", "sharpness_lost", "operations", "reference_rate",
 )  # fmt: skip
 """Keys that a line has only if they are known, so that lines from before there were such keys are read as well."""
@@ -379,29 +375,17 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
             return f"error_dof is {r.error_dof:g}, but success is {shown}", ", ".join(map(str, right))
     elif r.status == "answered" and any(success):
         return "success is true, but error_dof is null", "success false or null if the error is unknown"
-    return _find_contradiction_of_least_blur(r)
+    if r.success_least_blur is not None and r.success_1dof is None:
+        return "success_least_blur is known, and success_1dof is not", "known in both"
+    if r.success_least_blur and r.status == "failed":
+        return "failed, but success_least_blur is true", "false, or null if the truth is unknown"
+    return None
 
 
 _NEED_AN_ANSWER = (
     "position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "error_optimum_dof",
-    "error_least_blur_dof", "sharpness_lost",
+    "sharpness_lost",
 )  # fmt: skip
-
-
-def _find_contradiction_of_least_blur(r: Record) -> tuple[str, str] | None:
-    if r.success_least_blur is None:
-        return None
-    if r.least_blur is None or r.success_1dof is None:
-        return "success_least_blur is known, and least_blur or success_1dof is not", "known in all three"
-    if r.status == "answered" and r.error_least_blur_dof is not None:
-        right = abs(r.error_least_blur_dof) <= SUCCESS_LIMITS_DOF[1]
-    elif r.status == "abstained":
-        return None
-    else:
-        right = False
-    if r.success_least_blur != right:
-        return f"success_least_blur is {r.success_least_blur}", f"{right}, as error_least_blur_dof is"
-    return None
 
 
 def _to_json_value(value: Any) -> Any:

@@ -12,7 +12,6 @@ from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
 from saf_gen.cli.recapture_command import record_with
 from saf_gen.core.cores import defer_interrupts
-from saf_gen.core.object_store import find_path
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput, escape_controls
@@ -33,9 +32,7 @@ KeepSlices = Annotated[
 def generate_command(
     recipe: RecipeName,
     *,
-    folder: Annotated[
-        Path | None, typer.Option("--out", help="Folder to write to, or s3://BUCKET/FOLDER in an object store.")
-    ] = None,
+    folder: OutFolder = None,
     workers: Workers = 1,
     cluster: ClusterAddress = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
@@ -57,15 +54,12 @@ def generate_command(
         from saf_gen.generate.resolve import coarse_sampling, resolve_recipe
 
     resolved = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
-    target = find_path(folder or Path("datasets") / resolved.recipe.name)
+    target = folder or Path("datasets") / resolved.recipe.name
     plan = make_plan(resolved, target, keep_slices=keep_slices)
     if plan.renders and not cluster:
         _warn_of_renderer(variant, dry_run=dry_run)
     for line in coarse_sampling(resolved):
         err.print(f"warning: {line}")
-    if plan.in_store and plan.sequences:
-        size = _gigabytes(plan.disk_bytes)
-        err.print(f"scratch: at most about {size} in {plan.folder}, deleted once the store has everything")
     if dry_run:
         _print_plan(plan, workers=workers, machines=machines)
         return
@@ -103,7 +97,6 @@ def merge_shards_command(
 def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, closing: str) -> None:
     """Make what a plan lacks, with progress bars, and print what was made; ``closing`` ends a job array."""
     from saf_gen.generate.run import run_plan
-    from saf_gen.generate.store import run_to_store
 
     target = plan.target
     with progress_bars() as bars:
@@ -121,8 +114,7 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
                 bars.remove_task(tasks.pop(name))
                 err.print(f"done: {name}")
 
-        make = run_to_store if plan.in_store else run_plan
-        result = make(plan, workers=workers, variant=variant, cluster=cluster, report=report, tell=err.print)
+        result = run_plan(plan, workers=workers, variant=variant, cluster=cluster, report=report, tell=err.print)
     out.print(
         f"{plural(len(result.recorded), 'sequence')} recorded, {len(result.kept)} kept from before, "
         f"{plural(len(result.rendered), 'piece')} of focal stacks rendered"
@@ -151,10 +143,9 @@ def _record_again(plan: "Plan") -> None:
     from saf_gen.stream.manifest import read_manifest
 
     for camera in plan.resolved.others:
-        if plan.share is not None or plan.in_store:
-            what = "a shard" if plan.share is not None else "a dataset in an object store"
+        if plan.share is not None:
             out.print(
-                f"not recorded with {camera.name}, because this is {what}: saf-gen recapture does it", soft_wrap=True
+                f"not recorded with {camera.name}, because this is a shard: saf-gen recapture does it", soft_wrap=True
             )
             continue
         manifest = read_manifest(plan.folder)
@@ -231,8 +222,6 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
     if plan.kept_bytes("all"):
         listed = ", ".join(f"{choice} {_gigabytes(plan.kept_bytes(choice))}" for choice in KEEP_SLICES)
         out.print(f"time slices kept at the end: {listed}; chosen: --keep-slices {plan.keep_slices}")
-    if plan.in_store:
-        out.print(f"to upload to {plan.target}: about {_gigabytes(plan.upload_bytes)}")
     left = plan.estimate(workers=workers, machines=machines)
     out.print(
         f"jobs: {len(plan.to_render):,} to render, about {_time(left.render_s)} on one machine; "
@@ -257,7 +246,7 @@ def _time(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:,.1f} h"
 
 
-def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder, or s3://BUCKET/FOLDER.")]) -> None:
+def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
     """Check every file of a dataset against the digest in its manifest."""
     from saf_gen.stream.dataset import verify_dataset
     from saf_gen.stream.description import describe_flaws

@@ -41,12 +41,7 @@ OperationRate = Annotated[
 
 
 def evaluate_command(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="Dataset folder or stream file, here or at s3://BUCKET/NAME; or sample, which comes with saf_gen."
-        ),
-    ],
+    source: Annotated[Path, typer.Argument(help="Dataset folder or stream file; or sample, which comes with saf_gen.")],
     *,
     split: Annotated[
         str | None, typer.Option(help="Split to rank, or all of them together (default: test, or the only split).")
@@ -84,26 +79,14 @@ def evaluate_command(
         float, typer.Option(help="Seconds of computing that a method of others may use on a sequence.")
     ] = 60.0,
     limit_gib: Annotated[float, typer.Option(help="Memory in GiB that the process of such a method may use.")] = 2.0,
-    failed: Annotated[
-        bool, typer.Option("--failed", help="Repeat only what failed in the evaluation by the same options.")
-    ] = False,
-    figures: Annotated[
-        bool, typer.Option("--figures", help="Also draw figures for print, as SVG; the page needs none.")
-    ] = False,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", help="Also write these figures as PDF, in the width of a paper's column.")
-    ] = False,
 ) -> None:
-    """Run focus methods on recordings, rank them, and write tables, figures and a page."""
+    """Run focus methods on recordings, rank them, and write tables and a page."""
     from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits
     from saf_gen.benchmark.kept_sequences import KeptSequences
-    from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-    from saf_gen.core.config.registry import refuse_code
-    from saf_gen.core.files import check_writable, lock_folder
-    from saf_gen.core.object_store import StorePath, find_path
+    from saf_gen.core.files import check_on_disk, check_writable, lock_folder
     from saf_gen.leaderboard import rank_methods
     from saf_gen.leaderboard.outcomes import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
@@ -116,20 +99,13 @@ def evaluate_command(
     named = [*(method or ()), *(read_methods(methods, limits) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep, op_rate=op_rate)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
-    data = find_path(source)
+    check_on_disk(data := source)
     if str(source) == SAMPLE and not source.exists():
         data, target = sample(), folder or Path(f"{SAMPLE}-{name}")
-    elif isinstance(data, StorePath):
-        target = folder or Path(f"{data.stem}-{name}")
     else:
         target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
     check_replaceable(target)
     check_writable(target)
-    if failed and not named:
-        named = list(dict.fromkeys(record.method for record in read_records(target)))
-        with refuse_code(str(target)):
-            for one in named:
-                admit_method(one, limits)
     selection = select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion)
     _print_selection(selection, scene_motion)
     kept = KeptSequences(target / ".evaluation.unfinished")
@@ -147,18 +123,13 @@ def evaluate_command(
                 keep=kept,
                 cluster=cluster,
                 limits=limits,
-                failed_in=target if failed else None,
                 tell=err.print,
             )
-        if failed and not result.records:
-            return
         print_kept(kept, splits={record.split for record in result.records})
         rows = rank_methods(result.records)
         title = data.resolve().name
         delivered = picture_answers(selection.tasks, result.records, rows=rows)
-        written = write_evaluation(
-            target, rows=rows, evaluation=result, title=title, figures=figures, pdf=pdf, delivered=delivered
-        )
+        written = write_evaluation(target, rows=rows, evaluation=result, title=title, delivered=delivered)
         kept.remove()
     regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
     print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from saf_gen.scene.scene_folder import Scene
 
 SENSOR = "vidar_400x250"
-SHEETS = (".png", ".pdf", ".svg")
+SHEETS = (".png", ".svg")
 SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
@@ -180,7 +180,7 @@ def preview_command(
     target: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="PNG, PDF or SVG (default: preview.png in the scene's folder); for several scenes, a folder."
+            "--out", help="PNG or SVG (default: preview.png in the scene's folder); for several scenes, a folder."
         ),
     ] = None,
     sensor: SensorName = SENSOR,

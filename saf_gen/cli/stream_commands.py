@@ -400,9 +400,7 @@ def index_command(
     out.print(f"{size}; next: {manifest.next_command(folder)}", soft_wrap=True)
 
 
-def inspect_command(
-    stream: Annotated[Path, typer.Argument(help="Stream file, or s3://BUCKET/NAME.")], *, as_json: AsJson = False
-) -> None:
+def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
     """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
     from saf_gen.stream.description import describe_content, describe_events, describe_frames, describe_provenance
     from saf_gen.stream.event_file import has_events, open_events
@@ -428,7 +426,7 @@ def inspect_command(
 
 def view_command(
     stream: Annotated[Path, typer.Argument(help="File of spikes, photons, events or frames.")],
-    target: Annotated[Path, typer.Option("--out", help="File to write: .png, .pdf, .svg, .gif, .mp4 or .html.")],
+    target: Annotated[Path, typer.Option("--out", help="File to write: .png, .svg, .gif or .html.")],
     *,
     kind: Annotated[
         str,
@@ -447,7 +445,7 @@ def view_command(
     ] = None,
     measure: Annotated[list[str] | None, typer.Option(help="Focus measure whose curve is drawn; repeatable.")] = None,
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
-    fps: Annotated[float, typer.Option(help="Pictures per second of .gif, .mp4 and .html.")] = 12.0,
+    fps: Annotated[float, typer.Option(help="Pictures per second of .gif and .html.")] = 12.0,
 ) -> None:
     """Draw pictures of a recording, together with its lens position, light, truth and scores."""
     from saf_gen.benchmark.admission import admit_measure

@@ -1,4 +1,4 @@
-"""The style of figures (colours, dashes, markers, fonts) and their output as SVG for a file or a page.
+"""The style of figures (colours, dashes, fonts) and their output as SVG for a file or a page.
 
 Every figure has its own canvas, so nothing depends on a screen or on the state of pyplot. Text in an SVG remains text.
 On a page every colour is a CSS variable, so that one drawing serves light and dark colour schemes.
@@ -16,14 +16,13 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 COLUMN = 3.5  # inches: one column of a two-column paper
 WIDTH = 4.4  # inches: readable on a phone, and two or three figures fit side by side on a desktop screen
 MAX_MEASURES = 8
 """Largest number of measures in one figure; more could not be distinguished."""
 INK, SOFT, BAND, GREY, PAPER = "#1f2328", "#6b7280", "#e8c547", "#d5d8dc", "#ffffff"
-# Okabe and Ito's colours can be distinguished with every kind of colour vision; dashes and markers help as well.
+# Okabe and Ito's colours can be distinguished with every kind of colour vision; dashes help as well.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#111111", "#e69f00", "#8c6d31")
 DASHES: tuple[Any, ...] = (
     "-",
@@ -35,7 +34,6 @@ DASHES: tuple[Any, ...] = (
     (0, (4, 1, 1, 1, 1, 1)),
     (0, (1, 2)),
 )
-MARKERS = "osD^vPX*"
 VARIABLES: dict[str, str] = {
     INK: "--ink",
     SOFT: "--soft",
@@ -71,8 +69,7 @@ COLUMN_STYLE: dict[Any, Any] = {
     "font.size": 7, "axes.labelsize": 7, "axes.titlesize": 6.5, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5,
     "lines.linewidth": 1.0, "lines.markersize": 3,
     "legend.fontsize": 6.5, "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6,
-    "figure.facecolor": "white", "pdf.fonttype": 42,  # a font that can be embedded and edited
-    "svg.hashsalt": "figure",
+    "figure.facecolor": "white", "svg.hashsalt": "figure",
 }  # fmt: skip
 """Style of figures for a paper, one column (3.5 inches) or two columns (7.16 inches) wide."""
 _DIGITS = re.compile(r"(?<![\w#.])-?\d+\.\d{3,}(?![\w.])")
@@ -80,24 +77,18 @@ _DIGITS = re.compile(r"(?<![\w#.])-?\d+\.\d{3,}(?![\w.])")
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """The style of one measure or light in every figure of a page."""
+    """The style of one measure or light in every plot of a view."""
 
     colour: str
     dashes: Any
-    marker: str
-
-    def legend_handle(self, **options: Any) -> Line2D:
-        """Return a sample of the line and its marker for a legend."""
-        line = {"color": self.colour, "ls": self.dashes, "lw": 1.4, "marker": self.marker}
-        return Line2D([], [], **{**line, "ms": 5, "mec": PAPER, "mew": 0.5, **options})
 
 
 def assign_styles(names: Sequence[str]) -> dict[str, PlotStyle]:
     """Return a style for each name, in their order; there are MAX_MEASURES colours and MAX_MEASURES² styles."""
     styles = {}
     for i, name in enumerate(dict.fromkeys(names)):
-        j = (i + i // MAX_MEASURES) % MAX_MEASURES  # a repeated colour has other dashes and another marker
-        styles[name] = PlotStyle(COLOURS[i % MAX_MEASURES], DASHES[j], MARKERS[j])
+        j = (i + i // MAX_MEASURES) % MAX_MEASURES  # a repeated colour has other dashes
+        styles[name] = PlotStyle(COLOURS[i % MAX_MEASURES], DASHES[j])
     return styles
 
 

@@ -17,7 +17,6 @@ from functools import cache
 from hashlib import file_digest
 from pathlib import Path
 
-from saf_gen.core.object_store import check_on_disk
 from saf_gen.errors import BadInput
 
 try:
@@ -30,6 +29,7 @@ else:
 ABANDONED_S = 86_400.0
 """Seconds without a change after which a temporary file of another machine, whose processes are unknown, is removed."""
 _TEMPORARY = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.(?P<machine>[A-Za-z0-9-]+)\.(?P<pid>\d+)\.part")
+_ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/.*", re.DOTALL)
 LOCKING = "HDF5_USE_FILE_LOCKING"
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """The first bytes of an HDF5 file."""
@@ -60,6 +60,17 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # it is already removed, or its parent is not a folder
             part.unlink(missing_ok=True)
+
+
+def check_on_disk(path: Path) -> None:
+    """Raise BadInput for an address such as ``s3://bucket/name``: it would be a path in a folder called ``s3:``."""
+    if _ADDRESS.fullmatch(str(path)) and not Path(path.parts[0]).exists():
+        scheme, _, rest = str(path).partition(":/")
+        raise BadInput(
+            f"{scheme}://{rest} is an address",
+            allowed="a path on a disk",
+            hint="get a published dataset with saf-gen fetch, and copy from and to other stores with their own tools",
+        )
 
 
 def name_as_text(name: str) -> str:

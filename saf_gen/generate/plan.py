@@ -1,34 +1,28 @@
 """The plan of a run: what a dataset lacks, and what making it takes in bytes and seconds.
 
-A plan looks at the disk or the store once and makes nothing; ``generate --dry-run`` prints it.
+A plan looks at the disk once and makes nothing; ``generate --dry-run`` prints it.
 """
 
-import hashlib
 import heapq
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from math import fsum
 from pathlib import Path
-from urllib.parse import quote
 
-from saf_gen.core.object_store import AnyPath, StorePath
-from saf_gen.core.object_transfers import list_objects
+from saf_gen.core.files import check_on_disk
 from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.cost import PIXEL_FRAMES_PER_S, grain_seconds, render_seconds, start_seconds
 from saf_gen.generate.record import has_recording
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.generate.shards import Share, deal_groups, join_by_stacks, share_out
-from saf_gen.stack.focal_stack import PICTURES, StackSpec, StackStore
+from saf_gen.generate.shards import Share, share_out
+from saf_gen.stack.focal_stack import PICTURES, StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
 
 KEEP_SLICES = ("all", "closed-loop", "none")
 """Time slices to keep: all; those that a closed-loop run needs; or none, in which case none are rendered for it."""
-BATCH_BYTES = 8_000_000_000
-"""Approximate size of the stacks and streams of a batch; a stack that is larger with its streams is a batch alone."""
 SLICE_BYTES_PER_VALUE = {"filtered": 1.3, "plain": 1.5}
 """Bytes per stored value of a time slice, by estimator; upper bounds. Filtered, with 16 samples: 1.15 to 1.29 in the
 middle 200 × 125 pixels of fan, crossroad and cardiac_muscle, under each of their lights, at three positions and at all
@@ -153,33 +147,32 @@ class Plan:
     ----------
     resolved : ResolvedRecipe
         The recipe.
-    target : Path or StorePath
-        Folder of the dataset.
+    target : Path
+        Folder of the dataset, as the user wrote it.
     folder : Path
-        Folder in which the dataset is made: the same, or a scratch folder on this machine if the target is in a store.
+        The same as an absolute path without links.
     keep_slices : str
         One of KEEP_SLICES.
     manifest : Manifest or None
-        Manifest of the target; None if it has none yet.
+        Manifest of the folder; None if it has none yet.
     made : frozenset of str
-        Ids of the sequences whose file exists in the target, judged by its name.
+        Ids of the sequences whose file exists in the folder, judged by its name.
     sequences : tuple of ResolvedSequence
-        Sequences to make or to verify: of a shard, those whose stacks it renders alone; of a store, those that it
-        lacks.
+        Sequences to make or to verify: of a shard, those whose stacks it renders alone.
     by_stack : dict of TimeResolvedStack to list of ResolvedSequence
         Every stack of these recordings once, with the sequences that are recorded from it.
     to_render : dict of TimeResolvedStack to tuple of StackSpec
         Stacks to render, those of recordings first, with the parts that are missing; no part is missing where only the
         grain must be measured. Of a shard, cut stacks come before all others, with the parts that are its own.
     share : Share, optional
-        The shard's share; None for a run that makes everything, and in a store.
+        The shard's share; None for a run that makes everything.
     by_cut_stack : mapping of TimeResolvedStack to list of ResolvedSequence
         Stacks of recordings of which the shard renders some slices, with the sequences to record from them if they are
         complete when it has done its own work.
     """
 
     resolved: ResolvedRecipe
-    target: AnyPath
+    target: Path
     folder: Path
     keep_slices: str
     manifest: Manifest | None
@@ -189,11 +182,6 @@ class Plan:
     to_render: dict[TimeResolvedStack, tuple[StackSpec, ...]]
     share: Share | None = None
     by_cut_stack: Mapping[TimeResolvedStack, list[ResolvedSequence]] = field(default_factory=dict)
-
-    @property
-    def in_store(self) -> bool:
-        """Whether the dataset is in an object store."""
-        return isinstance(self.target, StorePath)
 
     @cached_property
     def users(self) -> dict[TimeResolvedStack, ResolvedSequence]:
@@ -225,20 +213,9 @@ class Plan:
         """Ids of the sequences that have no file yet."""
         return frozenset(s.planned.id for s in self.sequences if not (self.folder / s.planned.file).exists())
 
-    @cached_property
-    def _batch_bytes(self) -> list[int]:
-        return [_count_bytes(batch) for batch in split_into_batches(self.sequences)]
-
-    @property
-    def upload_bytes(self) -> int:
-        """Approximate bytes to upload into the store."""
-        return sum(self._batch_bytes)
-
     @property
     def disk_bytes(self) -> int:
         """Approximate disk space on this machine that the work takes while it runs, in bytes, rounded up."""
-        if self.in_store:
-            return max(a + b for a, b in pairwise([0, *self._batch_bytes, 0]))
         missing = {spec for specs in self.to_render.values() for spec in specs}
         return bytes_of_stacks(missing) + bytes_of_streams(s for s in self.sequences if s.planned.id in self.unrecorded)
 
@@ -297,7 +274,7 @@ class Plan:
         )
 
 
-def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "all") -> Plan:
+def make_plan(resolved: ResolvedRecipe, target: Path, *, keep_slices: str = "all") -> Plan:
     """Return what a dataset lacks, without making or writing anything.
 
     Time slices and all-in-focus stacks that were deleted after all their recordings had been made are not rendered
@@ -308,24 +285,19 @@ def make_plan(resolved: ResolvedRecipe, target: AnyPath, *, keep_slices: str = "
     """
     if keep_slices not in KEEP_SLICES:
         raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
+    check_on_disk(target)
     manifest, share = check_same_dataset(resolved, target), None
-    if isinstance(target, StorePath):
-        resolved = _narrow_to_shard(resolved)
-        objects, folder = list_objects(target), find_scratch(resolved, target)
-        made = frozenset(s.planned.id for s in resolved.sequences if s.planned.file in objects)
-        sequences = tuple(s for s in resolved.sequences if s.planned.id not in made)
-    else:
-        objects, folder, sequences = set[str](), target.resolve(), resolved.sequences
-        made = frozenset(s.planned.id for s in sequences if (folder / s.planned.file).exists())
-        if resolved.part[1] > 1:
-            share = share_out(resolved, resolved.part[1])[resolved.part[0] - 1]
-            sequences = tuple(s for s in sequences if s.time_stack in share.whole)
+    folder, sequences = target.resolve(), resolved.sequences
+    made = frozenset(s.planned.id for s in sequences if (folder / s.planned.file).exists())
+    if resolved.part[1] > 1:
+        share = share_out(resolved, resolved.part[1])[resolved.part[0] - 1]
+        sequences = tuple(s for s in sequences if s.time_stack in share.whole)
     by_stack = _group_by_stack(sequences)
     cut = _group_by_stack(s for s in resolved.sequences if share and s.time_stack in share.cut)
     makes = sequences if share is None else resolved.sequences
     for_loop = dict.fromkeys(s.closed_loop_slices for s in makes if s.closed_loop_slices and keep_slices != "none")
-    to_render = _stacks_to_render(cut | by_stack, [*for_loop], folder=folder, objects=objects, share=share)
-    for stack, users in by_stack.items() if not objects else ():  # the grain that a store holds is not read
+    to_render = _stacks_to_render(cut | by_stack, [*for_loop], folder=folder, share=share)
+    for stack, users in by_stack.items():
         unmade = any(s.planned.id not in made for s in users)
         if stack not in to_render and unmade and not stack.has_grain(folder / "stacks"):  # as after a stopped run
             to_render[stack] = ()
@@ -339,25 +311,14 @@ def _group_by_stack(sequences: Iterable[ResolvedSequence]) -> dict[TimeResolvedS
     return by_stack
 
 
-def _narrow_to_shard(resolved: ResolvedRecipe) -> ResolvedRecipe:
-    """Return a recipe with the sequences of its shard in a store, where no stack is cut.
-
-    A shard there has its own scratch folder, and does not see the slices of others.
-    """
-    index, count = resolved.part
-    mine = deal_groups(join_by_stacks(resolved.sequences, lambda s: stacks_of([s])), count)[index - 1]
-    return replace(resolved, sequences=tuple(s for s in resolved.sequences if s in mine), part=(1, 1))
-
-
 def _stacks_to_render(
     by_stack: dict[TimeResolvedStack, list[ResolvedSequence]],
     for_loop: Iterable[TimeResolvedStack],
     *,
     folder: Path,
-    objects: set[str],
     share: Share | None,
 ) -> dict[TimeResolvedStack, tuple[StackSpec, ...]]:
-    """Return the stacks that are incomplete in a folder and in the objects of a store, with their missing parts.
+    """Return the stacks that are incomplete in a folder, with their missing parts.
 
     ``for_loop`` holds those that the closed loop needs, unless no slices are kept for it.
     Parts that are not in the share of a shard are not missing.
@@ -365,7 +326,7 @@ def _stacks_to_render(
 
     def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
         mine = stack if share is None else replace(stack, specs=tuple(s for s in stack.specs if s in share.specs))
-        return tuple(spec for spec in mine.find_missing(folder / "stacks") if not picture_names(spec) <= objects)
+        return tuple(mine.find_missing(folder / "stacks"))
 
     found = {
         stack: specs
@@ -387,7 +348,7 @@ def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], *, fol
     return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
 
 
-def check_same_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | None:
+def check_same_dataset(resolved: ResolvedRecipe, folder: Path) -> Manifest | None:
     """Return the manifest in a folder, or None if it is missing; raise BadInput if it describes another dataset."""
     if not (folder / MANIFEST_NAME).exists():
         return None
@@ -400,35 +361,6 @@ def check_same_dataset(resolved: ResolvedRecipe, folder: AnyPath) -> Manifest | 
     return manifest
 
 
-def find_scratch(resolved: ResolvedRecipe, store: StorePath) -> Path:
-    """Return the folder on this machine in which these sequences are made, different for each shard."""
-    ids = "\n".join(s.planned.id for s in resolved.sequences)
-    name = quote(f"{store.scheme}-{store.key}", safe="")
-    return Path("datasets") / f".{name}.{hashlib.sha256(ids.encode()).hexdigest()[:8]}"
-
-
-def split_into_batches(sequences: Iterable[ResolvedSequence]) -> list[list[ResolvedSequence]]:
-    """Return the sequences in batches of about BATCH_BYTES, so that no stack belongs to two batches."""
-    batches: list[list[ResolvedSequence]] = []
-    remaining = 0
-    for group in join_by_stacks(sequences, lambda s: stacks_of([s])):
-        size = _count_bytes(group)
-        if not batches or size > remaining:
-            batches, remaining = [*batches, []], BATCH_BYTES
-        batches[-1].extend(group)
-        remaining -= size
-    return batches
-
-
-def _count_bytes(sequences: list[ResolvedSequence]) -> int:
-    return bytes_of_stacks(stacks_of(sequences)) + bytes_of_streams(sequences)
-
-
 def stacks_of(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
     """Return all stacks of these sequences, including all-in-focus ones and those of the closed loop, each once."""
     return list(dict.fromkeys(spec for sequence in sequences for stack in sequence.stacks for spec in stack.specs))
-
-
-def picture_names(spec: StackSpec) -> set[str]:
-    """Return the names of the objects that hold the pictures of a stack."""
-    return {f"stacks/{spec.key}/{piece}.exr" for piece in StackStore(Path(), spec).pieces}

@@ -29,7 +29,6 @@ from saf_gen.core.files import (
     remove_leftovers,
     write_text,
 )
-from saf_gen.core.object_store import AnyPath
 from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
@@ -65,7 +64,7 @@ class GenerationResult:
 
     Attributes
     ----------
-    folder : Path or StorePath
+    folder : Path
         Folder of the dataset.
     manifest : Manifest
         Manifest of the dataset after the run.
@@ -81,7 +80,7 @@ class GenerationResult:
         Bytes of disk that deleting time slices freed.
     """
 
-    folder: AnyPath
+    folder: Path
     manifest: Manifest
     rendered: list[str]
     recorded: list[str]
@@ -172,7 +171,7 @@ def run_plan(
     def choose_backend() -> tuple[str, bool]:
         if isinstance(plan.resolved.recipe, StackRecipe):
             return PICTURES, True
-        name, renders_waves = choose_renderer(variant, cluster=machines, notify=tell)
+        name, renders_waves = _choose_renderer(variant, cluster=machines, notify=tell)
         by_waves = all(spec.estimator == WAVES for stack in plan.users for spec in stack.specs)
         return name, renders_waves or by_waves
 
@@ -230,7 +229,7 @@ def run_plan(
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
-def choose_renderer(requested: str, *, cluster: Cluster | None, notify: Callable[[str], None]) -> tuple[str, bool]:
+def _choose_renderer(requested: str, *, cluster: Cluster | None, notify: Callable[[str], None]) -> tuple[str, bool]:
     """Return the backend to render with, here or on a worker of the cluster, and whether it renders diffraction."""
     job = ChooseBackendJob(requested)
     if cluster is None:
@@ -273,8 +272,7 @@ def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
 
 def _check_folder(plan: Plan) -> None:
     folder = plan.folder
-    if isinstance(plan.target, Path):
-        refuse_link(plan.target)
+    refuse_link(plan.target)
     check_writable(folder)
     if MANIFEST_FORMAT not in read_start(folder / MANIFEST_NAME):  # there is none before the first run has ended
         for name, mark in MARKS.items():
@@ -312,9 +310,10 @@ def _claim_folder(resolved: ResolvedRecipe, folder: Path) -> None:
 
 
 def _list_finished(plan: Plan) -> Manifest:
-    """Write manifest.json and README.md for the finished sequences of the recipe; a shard leaves them as they are.
+    """Write manifest.json, README.md and croissant.json for the finished sequences of the recipe; a shard leaves them.
 
-    The stream files themselves are read, so that nothing is listed that this recipe would make differently.
+    The stream files themselves are read, so that nothing is listed that this recipe would make differently. Notes of
+    the stacks name the renderer.
     """
     resolved, folder = plan.resolved, plan.folder
     if plan.share is not None:
@@ -327,27 +326,20 @@ def _list_finished(plan: Plan) -> Manifest:
         if stack not in digests:
             digests[stack] = None if stack.find_missing(stacks) else stack.digest(stacks)
         entries.append(find_entry(sequence, folder, stack_digest=digests[stack]))
-    return write_dataset_manifest(resolved, folder, entries=[e for e in entries if e is not None], stacks=stacks)
-
-
-def write_dataset_manifest(
-    resolved: ResolvedRecipe, folder: Path, *, entries: list[SequenceEntry], stacks: Path
-) -> Manifest:
-    """Write manifest.json, README.md and croissant.json for these sequences; notes in ``stacks`` name the renderer."""
     specs = {spec for s in resolved.sequences for spec in s.time_stack.specs}
     backends: set[str] = set().union(*(StackStore(stacks, spec).backends() for spec in specs))
     manifest = Manifest(
         name=resolved.recipe.name,
         recipe_fingerprint=recipe_fingerprint(resolved.recipe),
         variant=", ".join(sorted(backends)),
-        sequences=tuple(entries),
+        sequences=tuple(entry for entry in entries if entry is not None),
     )
     write_manifest(folder, manifest)
     write_dataset_card(folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()])
     return manifest
 
 
-def find_entry(sequence: ResolvedSequence, folder: AnyPath, *, stack_digest: str | None) -> SequenceEntry | None:
+def find_entry(sequence: ResolvedSequence, folder: Path, *, stack_digest: str | None) -> SequenceEntry | None:
     """Return the entry of a sequence for the manifest; None if its file is missing, truncated, or of another recipe.
 
     ``stack_digest`` is None if the stacks have been deleted; the digest that the file stores is used then.

@@ -182,18 +182,6 @@ def join_by_stacks(items: Iterable[_T], specs_of: Callable[[_T], Iterable[StackS
     return list({id(group): group for group in group_of.values()}.values())
 
 
-def deal_groups(groups: Iterable[Sequence[ResolvedSequence]], count: int) -> list[list[ResolvedSequence]]:
-    """Return the sequences of each of ``count`` shards, which get whole groups that share no stack with another."""
-    mine: list[list[ResolvedSequence]] = [[] for _ in range(count)]
-    loads = [0.0] * count
-    costs = [(fsum(family.seconds for of in _find_families(group) for family in of), group) for group in groups]
-    for seconds, group in sorted(costs, key=lambda pair: -pair[0]):
-        n = loads.index(min(loads))
-        mine[n] += group
-        loads[n] += seconds
-    return mine
-
-
 def _deal(families: Sequence[_Family], loads: Sequence[float]) -> list[list[_Run]]:
     """Return the runs that each of several shards gets, in addition to the seconds that it has already."""
     dearest_first = sorted(families, key=lambda family: -family.seconds)  # stable, so ties keep the order of the recipe

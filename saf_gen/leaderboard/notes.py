@@ -112,7 +112,7 @@ def _name_obstacles(records: Iterable[Record]) -> list[str]:
 
 def _name_least_blur(records: Iterable[Record]) -> list[str]:
     """Return a sentence, in a list, that counts the sequences whose least blur is far from the truth; [] if none is."""
-    blurs = {r.sequence: r.least_blur is not None for r in records}
+    blurs = {r.sequence: r.success_least_blur is not None for r in records}
     if not any(blurs.values()):
         return []
     return [

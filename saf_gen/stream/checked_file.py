@@ -7,7 +7,7 @@ memory. A stream has a few known datasets, stored inside the file; this is check
 import math
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -15,7 +15,6 @@ from typing import IO, Any, Self
 import h5py
 import numpy as np
 
-from saf_gen.core.object_store import AnyPath, ObjectReader
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, closest
 from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS, metadata_from_datasets
@@ -76,7 +75,7 @@ class CheckedFile:
 
     Attributes
     ----------
-    path : AnyPath
+    path : Path
         The file.
     metadata : Metadata
         Lens, light and truth, as in a stream file; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are its.
@@ -84,7 +83,7 @@ class CheckedFile:
         Digest of the content.
     """
 
-    path: AnyPath
+    path: Path
     shape: tuple[int, int, int]
     readout_hz: float
 
@@ -155,38 +154,51 @@ def open_spikes(file: h5py.File, where: str) -> h5py.Dataset:
     rows, columns, _ = spikes.shape
     if rows * columns > MAX_PIXELS:
         raise BadInput(f"/spikes has {rows * columns:,} pixels", where=where, allowed=f"at most {MAX_PIXELS:,}")
-    if spikes.chunks is not None and math.prod(spikes.chunks) > MAX_CHUNK_BYTES:
-        raise BadInput(
-            f"/spikes has chunks of {math.prod(spikes.chunks):,} bytes",
-            where=where,
-            allowed=f"at most {MAX_CHUNK_BYTES:,}",
-        )
-    if spikes.chunks is None:
-        parts, written = 1, int(spikes.id.get_storage_size() > 0)
-    else:
-        parts = math.prod(-(-n // c) for n, c in zip(spikes.shape, spikes.chunks, strict=True))
-        written = spikes.id.get_num_chunks()
-    if written < parts:  # HDF5 would read zeros there
-        raise BadInput(
-            f"/spikes was not written to its end: {written:,} of {plural(parts, 'chunk')}",
-            where=where,
-            hint="write or copy the file again",
-        )
+    check_stored(spikes, where=where)
     return spikes
 
 
+def check_stored(item: h5py.Dataset, *, where: str) -> None:
+    """Raise BadInput if a dataset that is read in pieces has too large chunks, or was not written to its end."""
+    if item.chunks is None:
+        parts, written = min(item.size, 1), int(item.id.get_storage_size() > 0)
+    else:
+        if (held := math.prod(item.chunks) * item.dtype.itemsize) > MAX_CHUNK_BYTES:
+            raise BadInput(
+                f"{item.name} has chunks of {held:,} bytes", where=where, allowed=f"at most {MAX_CHUNK_BYTES:,}"
+            )
+        parts = math.prod(-(-n // c) for n, c in zip(item.shape, item.chunks, strict=True))
+        written = item.id.get_num_chunks()
+    if written < parts:  # HDF5 would read zeros there
+        raise BadInput(
+            f"{item.name} was not written to its end: {written:,} of {plural(parts, 'chunk')}",
+            where=where,
+            hint="write or copy the file again",
+        )
+
+
+def check_deflated(item: h5py.Dataset, *, where: str) -> None:
+    """Raise BadInput if a chunk has more bytes in the file than in memory: HDF5 would inflate it a thousandfold."""
+    held = math.prod(item.chunks) * item.dtype.itemsize
+    largest = held + held // 100 + 1024  # what cannot be compressed grows a little
+    if size := item.id.chunk_iter(lambda chunk: chunk.size if chunk.size > largest else None):
+        raise BadInput(
+            f"{item.name} has a chunk of {size:,} bytes that holds {held:,}", where=where, hint="make it again"
+        )
+
+
 def read_small_datasets(
-    file: h5py.File, where: str, *, reader: ObjectReader | None = None, bulk: tuple[str, ...] = ("spikes", SHARP)
+    file: h5py.File, where: str, *, bulk: tuple[str, ...] = ("spikes", SHARP)
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except those that ``bulk`` names; text is str.
 
-    ``reader`` is the object through which ``file`` is read from an object store. Raises BadInput before reading
-    anything that a stream does not contain.
+    Raises BadInput before reading anything that a stream does not contain.
     """
     checked_heaps = {0}
-    _check_names(file, "", where=where, known=[*GROUPS, *(name for name in bulk if "/" not in name)])
-    with Path(file.filename).open("rb") if reader is None else nullcontext(reader) as raw:
-        for group in GROUPS:
+    groups = dict.fromkeys([*GROUPS, *(name.split("/")[0] for name in bulk if "/" in name)])
+    _check_names(file, "", where=where, known=[*groups, *(name for name in bulk if "/" not in name)])
+    with Path(file.filename).open("rb") as raw:
+        for group in groups:
             if group not in file:
                 continue
             _check_link(file, group, where=where)
@@ -248,8 +260,10 @@ def open_dataset(file: h5py.File, name: str, *, where: str, bulk: bool = False) 
     if stored.get_layout() == h5py.h5d.VIRTUAL or stored.get_external_count():
         raise BadInput(f"/{name} is stored in other files", where=where, allowed="data inside the file")
     filters = [stored.get_filter(i)[0] for i in range(stored.get_nfilters())]
-    if not set(filters) <= set(ALLOWED_FILTERS):
-        raise BadInput(f"/{name} has the filters {filters}", where=where, allowed="deflate (1) and shuffle (2)")
+    if not set(filters) <= set(ALLOWED_FILTERS) or len(set(filters)) < len(filters):  # deflated twice, a millionfold
+        raise BadInput(
+            f"/{name} has the filters {filters}", where=where, allowed="deflate (1) and shuffle (2), each once"
+        )
     plain = dtype.kind in "buif" and dtype.itemsize <= 8 and not dtype.subdtype
     if shape is None or not (plain or h5py.check_string_dtype(dtype)):
         raise BadInput(f"/{name} holds {dtype}", where=where, allowed="numbers or text")
@@ -263,9 +277,7 @@ def open_dataset(file: h5py.File, name: str, *, where: str, bulk: bool = False) 
     return item
 
 
-def _check_text_length(
-    item: h5py.Dataset, raw: IO[bytes] | ObjectReader, *, where: str, checked_heaps: set[int]
-) -> None:
+def _check_text_length(item: h5py.Dataset, raw: IO[bytes], *, where: str, checked_heaps: set[int]) -> None:
     """Raise BadInput if a dataset of text is too long.
 
     The lengths of variable-length texts are read from the ``raw`` file, where they are stored with the references to
@@ -290,7 +302,7 @@ def _check_text_length(
         raise BadInput(f"{item.name} holds {total:,} bytes of text", where=where, allowed=f"at most {MAX_TEXT_BYTES:,}")
 
 
-def _check_text_heap(raw: IO[bytes] | ObjectReader, begin: int, *, where: str) -> None:
+def _check_text_heap(raw: IO[bytes], begin: int, *, where: str) -> None:
     """Raise BadInput if the pieces of a text heap do not follow each other to its end; HDF5 would read it for ever.
 
     References

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from saf_gen.core.files import name_as_text
-from saf_gen.core.object_store import StorePath
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
 from saf_gen.stream.metadata import Metadata
@@ -85,7 +84,7 @@ def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
 
 
 def verify_dataset(
-    folder: str | Path | StorePath, *, report: Callable[[str, Metadata], None] = lambda name, metadata: None
+    folder: str | Path, *, report: Callable[[str, Metadata], None] = lambda name, metadata: None
 ) -> tuple[int, dict[str, str]]:
     """Read every sequence of a dataset and compare it with the manifest.
 

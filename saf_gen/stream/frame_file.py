@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.core.files import atomic_file, refuse_link
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
-from saf_gen.stream.checked_file import CheckedFile, holds, open_dataset, read_attribute, report_damage
+from saf_gen.stream.checked_file import CheckedFile, check_deflated, holds, open_dataset, read_attribute, report_damage
 from saf_gen.stream.full_disk import new_hdf5
 from saf_gen.stream.metadata import Metadata, metadata_to_datasets, stream_digest_lines
 from saf_gen.stream.pixel_mask import Filling
@@ -142,6 +142,7 @@ class FrameFile(CheckedFile):
         self.readout_hz = float(hz)
         if self._frames.chunks != (1, *self.shape[1:]) or self._frames.id.get_num_chunks() < self.shape[0]:
             raise BadInput("/frames was not written to its end", where=where, hint="make it again")
+        check_deflated(self._frames, where=where)
         self._read_metadata()
 
     def __repr__(self) -> str:

@@ -37,7 +37,11 @@ class ErrorRecordingFile:
         return size
 
     def readinto(self, data: Any) -> int:
-        return self._file.readinto(data) or 0
+        """Read, with zeros for what was not written: HDF5 does not ask how much was read."""
+        whole = memoryview(data).cast("B")
+        count = self._file.readinto(whole) or 0
+        whole[count:] = bytes(len(whole) - count)
+        return len(whole)
 
     def read(self, size: int = -1) -> bytes:
         return self._file.read(size) or b""
@@ -64,12 +68,15 @@ class ErrorRecordingFile:
 def new_hdf5(path: Path) -> Iterator[tuple[h5py.File, ErrorRecordingFile]]:
     """Yield a new HDF5 file, whose structures carry checksums, and the file below it, whose errors are to be checked.
 
-    Raises OSError at the end if the disk was full.
+    Raises OSError at the end if the disk was full, in place of any error that HDF5 made of it.
     """
     disk = ErrorRecordingFile(path)
     try:
         with h5py.File(disk, "w", libver="v110") as file:
             yield file, disk
         disk.check()
+    except Exception:  # of any type: HDF5 fails in its own ways on what was not written
+        disk.check()
+        raise
     finally:
         disk.close()

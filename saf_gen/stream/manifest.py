@@ -16,8 +16,7 @@ from pydantic import ConfigDict, FailFast, Field
 
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.files import write_text
-from saf_gen.core.object_store import StorePath, find_path
+from saf_gen.core.files import check_on_disk, write_text
 from saf_gen.errors import BadInput, closest, escape_controls, unknown
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.recordings import open_recording
@@ -112,7 +111,7 @@ class Manifest:
             raise unknown("split", name, allowed={*self.splits, ALL_SPLITS}, where=where)
         return (name,)
 
-    def next_command(self, folder: str | os.PathLike[str] | StorePath) -> str:
+    def next_command(self, folder: str | os.PathLike[str]) -> str:
         """Return the command that ranks methods on this dataset; it names a split if there is no default."""
         named = [split for split in self.splits if split != ALL_SPLITS]
         option = f" --split {shlex.quote(named[-1])}" if named and self.default_split is None else ""
@@ -135,14 +134,15 @@ def check_single_split(splits: Sequence[str], *, where: str) -> None:
         )
 
 
-def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
-    """Return the manifest of a dataset folder, on a disk or in an object store.
+def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
+    """Return the manifest of a dataset folder.
 
     Raises BadInput if the folder or its manifest is missing, or if the manifest is not JSON, has another layout
     version, an unknown or missing key, a value of the wrong type, a repeated id or a file outside the folder, or was
     changed since it was written.
     """
-    where = find_path(folder)
+    where = Path(folder)
+    check_on_disk(where)
     if not where.is_dir():
         if where.exists():
             raise BadInput("this is not a folder", where=str(where), allowed="a dataset folder")
@@ -154,7 +154,7 @@ def read_manifest(folder: str | os.PathLike[str] | StorePath) -> Manifest:
     return parse_manifest(read_text(path, hint=HINT), path)
 
 
-def parse_manifest(text: str, path: str | Path | StorePath) -> Manifest:
+def parse_manifest(text: str, path: str | Path) -> Manifest:
     """Return the manifest in a JSON text; ``path`` is its name in errors. Raises BadInput as read_manifest does."""
     document = parse_checked_json(text, path, hint=HINT)
     if not isinstance(document.data, dict) or document.data.pop("format", None) != FORMAT:
@@ -171,12 +171,12 @@ def parse_manifest(text: str, path: str | Path | StorePath) -> Manifest:
     return manifest
 
 
-def verify_entry(folder: str | os.PathLike[str] | StorePath, entry: SequenceEntry) -> Metadata:
+def verify_entry(folder: str | os.PathLike[str], entry: SequenceEntry) -> Metadata:
     """Read the complete stream of ``entry`` and return its metadata.
 
     Raises BadInput if it is missing, damaged or differs from ``entry``.
     """
-    with open_recording(find_path(folder) / entry.file) as stream:
+    with open_recording(Path(folder) / entry.file) as stream:
         frames = stream.shape[0]
         if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
             raise BadInput(

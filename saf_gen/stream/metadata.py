@@ -14,11 +14,11 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from html import escape
+from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from saf_gen.core.object_store import AnyPath
 from saf_gen.core.region import Region, decile_pixels
 from saf_gen.errors import BadInput, unknown
 
@@ -409,7 +409,7 @@ class ReadableStream(Protocol):
     """
 
     counted: ClassVar[str]
-    path: AnyPath
+    path: Path
     shape: tuple[int, int, int]
     readout_hz: float
     content_sha256: str

@@ -6,7 +6,6 @@ from typing import ClassVar, NoReturn, Self
 
 import numpy as np
 
-from saf_gen.core.object_store import AnyPath, StorePath, find_path
 from saf_gen.core.region import Region, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.event_file import EventFile, has_events, open_events
@@ -31,7 +30,7 @@ class EventRecording:
 
     def __init__(self, events: EventFile) -> None:
         self._events = events
-        self.path: AnyPath = events.path
+        self.path: Path = events.path
         self.shape, self.readout_hz, self.content_sha256 = events.shape, events.readout_hz, events.content_sha256
         self.metadata, self.truth = events.metadata, events.truth
         self.focus_position, self.gain, self.light_names = events.focus_position, events.gain, events.light_names
@@ -93,14 +92,14 @@ class EventRecording:
 Recording = SpikeStream | EventRecording | FrameFile
 
 
-def open_recording(path: AnyPath | str) -> Recording:
+def open_recording(path: Path | str) -> Recording:
     """Return the open recording in a file of a spike camera, of single photons, of events or of frames.
 
     Raises BadInput as :func:`open_stream`, :func:`open_events` and :func:`open_frames` do.
     """
-    where = find_path(path)
-    if not isinstance(where, StorePath) and has_events(Path(where)):
-        return EventRecording(open_events(Path(where)))
-    if not isinstance(where, StorePath) and has_frames(Path(where)):
-        return open_frames(Path(where))
+    where = Path(path)
+    if has_events(where):
+        return EventRecording(open_events(where))
+    if has_frames(where):
+        return open_frames(where)
     return open_stream(where)

@@ -20,7 +20,6 @@ from typing import Any, Self
 import h5py
 import numpy as np
 
-from saf_gen.core.object_store import AnyPath
 from saf_gen.core.plain_text import plural
 from saf_gen.core.region import Region, region_shape
 from saf_gen.errors import BadInput
@@ -42,17 +41,17 @@ class StoredPictures:
 
     Attributes
     ----------
-    path : Path or StorePath
+    path : Path
         The file.
     shape : tuple of int
         Slices, lights, rows and columns.
     offset : int
         Where the pictures begin in the file, in bytes.
     version : tuple of int
-        Size and time of the last change of a file on a disk when it was opened; empty for one in an object store.
+        Size and time of the last change of the file when it was opened.
     """
 
-    path: AnyPath
+    path: Path
     shape: tuple[int, int, int, int]
     offset: int
     version: tuple[int, ...]
@@ -95,7 +94,7 @@ class StoredPictures:
         out = np.empty((len(slices), lights, rows.stop - rows.start, width), _FLOAT)
         try:
             with self.path.open("rb") as file:
-                if self.version and _version(os.fstat(file.fileno())) != self.version:
+                if _version(os.fstat(file.fileno())) != self.version:
                     raise BadInput("has changed since it was opened", where=str(self.path), hint="open it again")
                 for n, j in enumerate(slices):
                     begin = self.offset + j * lights * height * width * _FLOAT.itemsize
@@ -187,7 +186,7 @@ def write_pictures(file: h5py.File, pictures: Pictures) -> str:
     return sha.hexdigest()
 
 
-def open_pictures(file: h5py.File, path: AnyPath) -> StoredPictures | None:
+def open_pictures(file: h5py.File, path: Path) -> StoredPictures | None:
     """Return the pictures of an open stream file, which are not read; None if it has none.
 
     Raises BadInput if they are a link, are stored outside the file or in pieces, are of another type, or were not
@@ -206,8 +205,7 @@ def open_pictures(file: h5py.File, path: AnyPath) -> StoredPictures | None:
     offset, size = item.id.get_offset(), math.prod(item.shape) * _FLOAT.itemsize
     if offset is None or item.id.get_storage_size() < size:
         raise BadInput(f"/{SHARP} was not written to its end", where=where, hint="write or copy the file again")
-    version = _version(path.stat()) if isinstance(path, Path) else ()
-    return StoredPictures(path, item.shape, int(offset), version)
+    return StoredPictures(path, item.shape, int(offset), _version(path.stat()))
 
 
 def stated_digest(file: h5py.File, where: str) -> str:

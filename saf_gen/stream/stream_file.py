@@ -24,8 +24,7 @@ import h5py
 import numpy as np
 
 from saf_gen.core import bits
-from saf_gen.core.files import HDF5_SIGNATURE, refuse_link
-from saf_gen.core.object_store import AnyPath, ObjectReader, StorePath, find_path
+from saf_gen.core.files import HDF5_SIGNATURE, check_on_disk, refuse_link
 from saf_gen.core.plain_text import plural
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput, closest, located
@@ -39,13 +38,13 @@ from saf_gen.stream.sharp_charge import check_pictures, digest_of, open_pictures
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk, chunk_shape, inflate_chunk
 
 
-def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None = None) -> "SpikeStream":
+def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
     """Open a stream file for reading, preferably in a ``with`` statement.
 
     Parameters
     ----------
     path : str or Path
-        Stream file (.h5) on a disk or in an object store (``s3://bucket/name.h5``), which is read by ranges.
+        Stream file (.h5).
     threads : int, optional
         Number of threads that decompress this stream. By default all open streams share a pool of one thread
         per core, at most eight.
@@ -60,35 +59,31 @@ def open_stream(path: str | os.PathLike[str] | StorePath, *, threads: int | None
     BadInput
         If the file is missing, truncated, damaged, not HDF5, not a stream, or of another layout version; if it refers
         to other files, contains anything that a stream does not, or does not contain the small datasets that it was
-        made with; or if the object store cannot be used.
+        made with.
     """
-    where = find_path(path)
+    where = Path(path)
     if not where.is_file():
+        check_on_disk(where)
         if where.exists():
             what = "a folder" if where.is_dir() else "not a file on a disk"
             raise BadInput(f"this is {what}", where=str(where), allowed="a stream file (.h5)")
         others = [p.name for p in where.parent.iterdir()] if where.parent.is_dir() else []
         missing = "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
         raise BadInput(missing, where=str(where), nearest=closest(where.name, others))
-    reader: ObjectReader | None = None
     try:
-        with ExitStack() as undo:
-            raw = undo.enter_context(where.open("rb"))
+        with where.open("rb") as raw:
             start = raw.read(8)
-            if start != HDF5_SIGNATURE:
-                problem = "is empty" if not start else "is not an HDF5 file"
-                raise BadInput(
-                    problem, where=str(where), allowed="a saf-gen stream", hint="use saf-gen import for other files"
-                )
-            reader = raw if isinstance(raw, ObjectReader) else None
-            if reader is None:
-                raw.close()
-            file = undo.enter_context(h5py.File(reader, "r") if reader else _open_unlocked(where))
-            stream = SpikeStream(where, file, reader=reader, threads=threads)
+        if start != HDF5_SIGNATURE:
+            problem = "is empty" if not start else "is not an HDF5 file"
+            raise BadInput(
+                problem, where=str(where), allowed="a saf-gen stream", hint="use saf-gen import for other files"
+            )
+        with ExitStack() as undo:
+            stream = SpikeStream(where, undo.enter_context(_open_unlocked(where)), threads=threads)
             undo.pop_all()
             return stream
     except _DAMAGE as error:
-        raise _damaged(where, error, reader=reader) from error
+        raise _damaged(where, error) from error
 
 
 def check_replaceable(path: Path) -> None:
@@ -102,7 +97,7 @@ def check_replaceable(path: Path) -> None:
             raise BadInput(problem, hint="choose another name, or move it away") from error
 
 
-def _open_unlocked(path: AnyPath) -> h5py.File:
+def _open_unlocked(path: Path) -> h5py.File:
     """Return the open file, without HDF5's lock if that is refused: a finished stream never changes in place.
 
     Another program may hold a lock, and some shared disks grant none. The first try leaves a file that is already open
@@ -124,9 +119,7 @@ _DAMAGE = (DamagedChunk, OSError, RuntimeError, KeyError, ValueError, TypeError,
 """Exceptions that h5py raises for damaged files, depending on where the damage is."""
 
 
-def _damaged(path: AnyPath, error: Exception, *, reader: ObjectReader | None = None) -> BadInput:
-    if reader is not None and reader.problem is not None:
-        return reader.problem  # the store failed, not the file
+def _damaged(path: Path, error: Exception) -> BadInput:
     if isinstance(error, OSError) and error.errno in UNREADABLE:
         return BadInput(f"cannot be read: {os.strerror(error.errno)}", where=str(path))
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
@@ -147,8 +140,8 @@ class SpikeStream:
 
     Attributes
     ----------
-    path : Path or StorePath
-        The file on a disk or in an object store.
+    path : Path
+        The file.
     shape : tuple of int
         (T, H, W): frames, rows and columns.
     readout_hz : float
@@ -169,11 +162,8 @@ class SpikeStream:
 
     counted: ClassVar[str] = "spikes"
 
-    def __init__(
-        self, path: AnyPath, file: h5py.File, *, reader: ObjectReader | None = None, threads: int | None = None
-    ) -> None:
+    def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
-        self._reader = reader
         where = str(path)
         foreign = BadInput("is HDF5, but not a saf-gen stream", where=where, allowed=f"attribute format = {FORMAT!r}")
         if "format" not in file.attrs:
@@ -186,7 +176,7 @@ class SpikeStream:
                 )  # fmt: skip
         if (layout := read_attribute(file, "layout", number=True)) != LAYOUT:
             raise BadInput(f"has layout {layout}", where=where, allowed=f"layout {LAYOUT}", hint="update saf_gen")
-        small = dict(read_small_datasets(file, where, reader=reader))  # checks all texts before any is read
+        small = dict(read_small_datasets(file, where))  # checks all texts before any is read
         if read_attribute(file, "format") != FORMAT:
             raise foreign
         self._spikes = open_spikes(file, where)
@@ -249,8 +239,6 @@ class SpikeStream:
         """Close the file and free the memory of the spikes that were read."""
         self._time_blocks.close()
         self._file.close()
-        if self._reader is not None:
-            self._reader.close()
 
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
         """Return frames ``first <= t < stop`` as they were recorded, in which 1 is a spike.
@@ -478,7 +466,7 @@ class SpikeStream:
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
         sharp = None if self._sharp is None else digest_of(self._sharp)
-        small = read_small_datasets(self._file, str(self.path), reader=self._reader)
+        small = read_small_datasets(self._file, str(self.path))
         self._check_digests(small, sha.hexdigest(), sharp=sharp)
 
     def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str, *, sharp: str | None) -> None:
@@ -514,7 +502,7 @@ class SpikeStream:
         try:
             yield
         except _DAMAGE as error:
-            raise _damaged(self.path, error, reader=self._reader) from error
+            raise _damaged(self.path, error) from error
 
 
 ChunkReader = Callable[[int, int], bytes | np.ndarray]

@@ -1,4 +1,4 @@
-"""Shared parts of the training scripts of the learned methods: options, loss curves, ONNX files and model cards."""
+"""Parts of a training script that no network decides: options, loss curves, ONNX files and model cards."""
 
 import argparse
 import copy
@@ -13,31 +13,23 @@ from typing import Any
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.ranking import rank_methods
-from saf_gen.optics.actuators import get_actuator
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import SpikeStream
 
 HERE = Path(__file__).parent
 MAX_WEIGHTS_BYTES = 300_000
-PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.2, sweep_s=0.1)
-"""Protocol of the closed loop on the cards; its budget is as long as the recordings of recipes/learned.yaml."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained network, its seed, and a row for each epoch.
-
-    The network is that of the epoch with the least loss, or of the last epoch if ``is_last``.
-    """
+    """The network of the epoch with the least loss, its seed, and a row for each epoch."""
 
     seed: int
     network: Any
     rows: list[dict[str, float]]
-    is_last: bool = False
 
 
 class Keeper:
@@ -54,7 +46,7 @@ class Keeper:
 
 def kept_loss(trained: Trained) -> float:
     """Return the validation loss of the network that is kept."""
-    return trained.rows[-1]["validation"] if trained.is_last else min(row["validation"] for row in trained.rows)
+    return min(row["validation"] for row in trained.rows)
 
 
 def parse_options(about: str, *, epochs: int) -> argparse.Namespace:
@@ -135,11 +127,9 @@ def write_curves(out: Path, name: str, trained: Sequence[Trained], *, what: str,
     save(figure, out / f"{name}.png")
 
 
-def judge(
-    dataset: Path, methods: Sequence[str], *, protocol: ClosedLoopProtocol | None = None
-) -> dict[str, tuple[Any, list[Record]]]:
+def judge(dataset: Path, methods: Sequence[str]) -> dict[str, tuple[Any, list[Record]]]:
     """Return the leaderboard row and the records of each method on the split validation."""
-    records = evaluate(dataset, methods=methods, split="validation", protocol=protocol).records
+    records = evaluate(dataset, methods=methods, split="validation").records
     rows = {row.method: row for row in rank_methods(records)}
     return {name: (rows[name], [r for r in records if r.method == name]) for name in rows}
 
@@ -213,7 +203,6 @@ def keep_best(
     inputs: dict[str, tuple[int, ...]],
     outputs: Sequence[str],
     rivals: Sequence[str],
-    protocol: ClosedLoopProtocol | None = None,
     read_s: float = 0.0,
     train_s: float,
 ) -> None:
@@ -228,7 +217,7 @@ def keep_best(
         export(each.network, file, inputs=inputs, outputs=outputs)
         spec = f"{method}:weights={file}"
         files[spec], networks[spec] = file, each
-    found = judge(options.dataset, [*files, *rivals], protocol=protocol)
+    found = judge(options.dataset, [*files, *rivals])
     best, chosen = choose(found, networks)
     files.pop(best).replace(options.out / f"{name}.onnx")
     for file in files.values():

@@ -1,7 +1,7 @@
 """One scene, several cameras: compare evaluations of the same sequences, recorded by different cameras.
 
     python -m studies.ranking.cameras spikes=EVALUATION photons=EVALUATION …
-    python -m studies.ranking.cameras studies/results/cameras-tuned-records.jsonl.xz
+    python -m studies.ranking.cameras studies/results/cameras-tuned-records.xz
 
 Each evaluation is a folder, or its ``records.jsonl``, of the same sequences by another camera (``saf-gen recapture``);
 in one packed file, the sensors of its records tell cameras apart, in the order in which they come. The others are
@@ -39,7 +39,7 @@ def read_answers(evaluation: Path) -> Answers:
 
 
 def read_cameras(packed: Path) -> dict[str, Answers]:
-    """Return the records in a file ``.jsonl.xz`` by the name of their sensor; raise BadInput if it cannot be read."""
+    """Return packed records by the name of their sensor; raise BadInput if they cannot be read."""
     by_sensor: dict[str, list[Record]] = defaultdict(list)
     for record in read_packed_records(packed):
         by_sensor[record.sensor or "unknown"].append(record)
@@ -138,7 +138,8 @@ def _read(texts: Sequence[str]) -> dict[str, Answers]:
     for text in texts:
         if "=" not in text:
             raise BadInput(
-                f"the evaluation is {text!r}", allowed="NAME=EVALUATION, such as photons=out, or one file .jsonl.xz"
+                f"the evaluation is {text!r}",
+                allowed="NAME=EVALUATION, such as photons=out, or one file of records, .xz",
             )
     named = (text.partition("=") for text in texts)
     return {name: read_answers(Path(folder)) for name, _, folder in named}
@@ -148,7 +149,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
-        "evaluations", nargs="+", metavar="NAME=EVALUATION", help="camera and its evaluation, or one .jsonl.xz"
+        "evaluations",
+        nargs="+",
+        metavar="NAME=EVALUATION",
+        help="camera and its evaluation, or one file of records, .xz",
     )
     given = parser.parse_args(argv)
     try:

@@ -1,6 +1,6 @@
 """Whether the members of a grammar of scenes are as diverse as scenes made by hand, by features that know no method.
 
-    python -m studies.ranking.diversity --out FOLDER [--recipe NAME] [--dataset FOLDER] [--members N] [--sheet N]
+    python -m studies.ranking.diversity --beside RECIPE --out FOLDER [--recipe NAME] [--dataset FOLDER]
 
 Each member of the recipe's grammar, and each scene of the test split of ``--beside``, is rendered at rest with few
 samples, unless the focal stack of a generated dataset shows it; what is measured is kept in FOLDER, and a run that is
@@ -174,7 +174,7 @@ def main(given: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--recipe", default="saf_bench-v3")
-    parser.add_argument("--beside", default="saf_bench-v3_stress")
+    parser.add_argument("--beside", required=True, help="recipe with a split test of scenes made by hand")
     parser.add_argument("--dataset", type=Path, help="folder of the recipe's dataset, whose focal stacks are read")
     parser.add_argument("--members", type=int, help="measure only so many members, evenly over the splits")
     parser.add_argument("--sheet", type=int, default=60)

@@ -1,9 +1,9 @@
-"""Write the tables of results.md and claims.md, or of other pages, from the evaluations of both tracks.
+"""Write the tables of a page of results from the evaluations of both tracks.
 
     python -m studies.ranking.result_tables RECORDED [CLOSED_LOOP] [--page PAGE ...]
 
 RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
-are not changed. With ``--page``, the tables of other pages are written. A table is placed between ``<!-- table: TRACK
+are not changed. The page is saf_bench-v3.md, or those of ``--page``. A table is placed between ``<!-- table: TRACK
 KIND -->`` and ``<!-- end -->``; KIND is a key of ``TABLES``. Everything else on a page is written by hand.
 """
 
@@ -20,7 +20,7 @@ from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.tables import agreement, neighbours
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-PAGES = RESULTS / "results.md", RESULTS / "claims.md"
+PAGES = (RESULTS / "saf_bench-v3.md",)
 TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NEIGHBOURS = 12
 """Number of pairs of neighbours in rank on a page, from the best on."""
@@ -113,18 +113,9 @@ def _success_cells(row: Evaluation) -> list[str]:
 
 def tabulate_conditions(evaluation: Evaluation) -> str:
     """Return a table of success under each condition, for the methods of ``SHOWN``."""
-    return _tabulate_axes(evaluation, AXES)
-
-
-def tabulate_scenes(evaluation: Evaluation) -> str:
-    """Return a table of success on each scene, for the methods of ``SHOWN``."""
-    return _tabulate_axes(evaluation, ["scene"])
-
-
-def _tabulate_axes(evaluation: Evaluation, names: Iterable[str]) -> str:
     methods, tables = SHOWN[evaluation["track"][0]], {table["axis"]: table for table in evaluation["axes"]}
     rows = []
-    for name in (name for name in names if name in tables):
+    for name in (name for name in AXES if name in tables):
         for place, one in enumerate(tables[name]["bins"]):
             cells = (format_percent(tables[name]["methods"][method][place]["answerable_1dof"]) for method in methods)
             rows.append([f"{name.replace('_', ' ')}: {one['bin']}", str(one["scenes"]), str(one["sequences"]), *cells])
@@ -181,7 +172,6 @@ TABLES: dict[str, Callable[[Evaluation], str]] = {
     "neighbours": tabulate_neighbours,
     "division": tabulate_division,
     "conditions": tabulate_conditions,
-    "scenes": tabulate_scenes,
     "agreement": tabulate_agreement,
     "claims": tabulate_claims,
 }

@@ -72,7 +72,7 @@ def summarise(records: Sequence[Record], counts: Sequence[int], *, draws: int) -
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table, and return the exit code."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("records", type=Path, help="records.jsonl, or records.jsonl.xz")
+    options.add_argument("records", type=Path, help="records.jsonl, or packed records, .xz")
     options.add_argument("--draws", type=int, default=DRAWS, help=f"benchmarks of each size (default: {DRAWS})")
     given = options.parse_args(argv)
     packed = given.records.suffix == ".xz"

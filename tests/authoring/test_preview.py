@@ -134,9 +134,9 @@ def test_the_sheet_of_any_scene_is_legible(longest, lights, sharp, contrast):
 @pytest.mark.slow
 def test_a_sheet_is_a_figure_of_the_kind_that_its_name_says(tmp_path):
     sheet = ContactSheet("it", stack_of(*DRIVES["image_distance"]), SENSOR)
-    draw_sheet(sheet, tmp_path / "it.pdf")
-    assert (tmp_path / "it.pdf").read_bytes().startswith(b"%PDF")
-    assert refusal(draw_sheet, sheet, tmp_path / "it.jpg").allowed == ".pdf, .png, .svg"
+    draw_sheet(sheet, tmp_path / "it.svg")
+    assert "<svg" in (tmp_path / "it.svg").read_text()
+    assert refusal(draw_sheet, sheet, tmp_path / "it.jpg").allowed == ".png, .svg"
 
 
 def test_display_white_is_the_brightest_percentile_and_grey_has_a_gamma():

@@ -116,8 +116,8 @@ def make_sequence() -> ClosedLoopSequence:
 
 def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
     """If it fails, raise COUNTS_VERSION or JUDGEMENT_VERSION in saf_gen/benchmark/versions.py, pin the new digest, and
-    add a line under *Numbers that moved* in CHANGELOG.md. A change of a measure or search needs no new version, because
-    each record contains their digests.
+    say in the commit what moved. A change of a measure or search needs no new version, because each record contains
+    their digests.
     """
     write_recording(tmp_path / "a.h5")
     (tmp_path / "p.jsonl").write_text(
@@ -130,7 +130,7 @@ def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
 
 def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
     """If it fails, raise CAPTURE_VERSION, or the version of what moved, in saf_gen/benchmark/versions.py, pin the new
-    digest, and add a line under *Numbers that moved* in CHANGELOG.md. A new ``MODEL`` of spikes moves it as well.
+    digest, and say in the commit what moved. A new ``MODEL`` of spikes moves it as well.
     """
     sequence = make_sequence()
     records = []
@@ -144,7 +144,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
 
 
 def test_what_a_policy_observes_and_earns_is_that_of_its_version():
-    """If it fails, raise CAPTURE_VERSION, pin the new digest, and add a line under *Numbers that moved*."""
+    """If it fails, raise CAPTURE_VERSION, pin the new digest, and say in the commit what moved."""
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     episode = Episode(make_sequence(), protocol, control_s=0.005, pixels=6)
     steps = [(episode.observe(), 0.0), episode.move(0.1), episode.move(0.6), episode.stop(0.375)]

@@ -271,7 +271,7 @@ def digest_of_a_stream():
 
 
 def test_the_bits_are_the_same_on_every_machine():
-    """If this pinned digest changes, all streams change; add a line under *Numbers that moved* in CHANGELOG.md."""
+    """If this pinned digest changes, all streams change; say in the commit what moved, and why."""
     assert digest_of_a_stream() == DIGEST
 
 

@@ -12,6 +12,7 @@ from saf_gen.core.files import (
     ABANDONED_S,
     atomic_file,
     check_file_system,
+    check_on_disk,
     check_writable,
     remove_leftovers,
     temporary_folder,
@@ -144,3 +145,29 @@ def test_a_file_system_that_cannot_hold_a_dataset_is_refused(tmp_path, monkeypat
     if "flock" in name:
         monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
         check_file_system(tmp_path)
+
+
+@pytest.mark.parametrize("address", ["s3://lab/a", "https://example.org/data/a.h5", "s3:/lab/a"])
+def test_an_address_is_no_path_for_results_and_none_of_data(address, tmp_path, monkeypatch, call):
+    """Without the check, a folder called ``s3:`` would be made."""
+    monkeypatch.chdir(tmp_path)
+    scheme = address.partition(":")[0]
+    for words in (
+        ("evaluate", address),
+        ("evaluate", "sample", "--out", address),
+        ("generate", "quickstart", "--dry-run", "--out", address),
+        ("verify", address),
+        ("inspect", address),
+        ("cut", address, "--to", "10", "--out", "x.h5"),
+    ):
+        code, _, err = call(*words)
+        assert (code, err.count("\n")) == (2, 1), err
+        assert_says(err, f"{scheme}:// | is an address | a path on a disk | saf-gen fetch")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_whose_name_ends_in_a_colon_is_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data:").mkdir()
+    check_on_disk(Path("data:/a"))
+    check_on_disk(Path("C:/data"))

@@ -72,7 +72,7 @@ def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(
     resolved = resolve_recipe(small_recipe)
     resolved = replace(resolved, sequences=resolved.sequences[::2])
     assert resolved.benchmark == f"small {frozen_small}"
-    batch = resolved.sequences[:1]  # as a run into an object store makes it
+    batch = resolved.sequences[:1]
     assert replace(resolved, all_sequences=batch, sequences=batch).benchmark == resolved.benchmark
     assert resolved.without_diffraction().benchmark == ""
     generate(resolved, tmp_path / "data")

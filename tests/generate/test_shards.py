@@ -19,7 +19,7 @@ from saf_gen.generate import resolve
 from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.generate.shards import _find_families, deal_groups, join_by_stacks, share_out
+from saf_gen.generate.shards import _find_families, share_out
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stream.dataset import verify_dataset
@@ -138,9 +138,6 @@ def test_stacks_shared_by_lights_and_ways_of_the_lens_are_dealt_out_once(tmp_pat
             assert all(not set(stack.specs) <= share.specs or len(share.cut) > 1 for stack in share.cut)
         if count == 1:
             assert shares[0].cut == ()
-        ids = [s.planned.id for s in work.sequences]
-        in_store = deal_groups(join_by_stacks(work.sequences, lambda s: s.time_stack.specs), count)
-        assert sorted(s.planned.id for mine in in_store for s in mine) == sorted(ids)
 
 
 def test_shares_of_a_split_make_that_split(shipped):

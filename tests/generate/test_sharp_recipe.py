@@ -13,7 +13,7 @@ from thin_sections import BUILD, CARD
 import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.generate.jobs import JobOrder, MeasureGrainJob, RecordJob, RecordResult, RenderJob
-from saf_gen.generate.plan import make_plan, split_into_batches, stacks_of
+from saf_gen.generate.plan import make_plan, stacks_of
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.record import Recorder
 from saf_gen.generate.resolve import recipe_digest, recipe_fingerprint, resolve_recipe
@@ -172,13 +172,6 @@ def test_the_plan_renders_counts_and_names_it(asked, plain, tmp_path):
     assert with_it.kept_bytes("all") > without.kept_bytes("all")
     assert with_it.kept_bytes("closed-loop") == without.kept_bytes("closed-loop")
     assert with_it.kept_bytes("none") == 0
-
-
-def test_batches_for_a_store_hold_it_with_its_recordings(asked, monkeypatch):
-    monkeypatch.setattr("saf_gen.generate.plan.BATCH_BYTES", 1)
-    for batch in split_into_batches(asked.sequences):
-        specs = set(stacks_of(batch))
-        assert all(set(s.sharp_stack.specs) <= specs for s in batch)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 40, 1000])

@@ -1,7 +1,6 @@
 """The folder of an evaluation: a later evaluation replaces all of it, and files of others stay."""
 
 import os
-import re
 import shutil
 from functools import partial
 from pathlib import Path
@@ -31,11 +30,7 @@ TABLES = {
     "profiles.csv",
     "records.jsonl",
 }
-OF_TWO_METHODS = {"figures/neighbours-in-rank.svg", "figures/profile-error_dof.svg"}
 CURVES = {"curves.csv", "measures.csv"}
-DRAWN = {"figures/curves-camel-constant.svg", *OF_TWO_METHODS}
-ERRORS = "figures/errors-camel_test.svg"
-OPENING = "figures/depth-of-focus.svg"
 
 
 def with_curves():
@@ -72,37 +67,19 @@ def test_files_and_page_share_tables_that_are_computed_once(tmp_path, monkeypatc
     assert "\x1b" not in (tmp_path / "strange/index.html").read_text()
 
 
-def test_figures_for_a_paper_are_a_column_wide_and_go_with_their_evaluation(tmp_path):
-    """252 points are 3.5 inches."""
-    write(tmp_path, of_one_method(), pdf=True)
-    figures = {ERRORS, OPENING}
-    assert held(tmp_path) == TABLES | figures | {name.replace(".svg", ".pdf") for name in figures}
-    for name in figures:
-        pdf, svg = (tmp_path / name.replace(".svg", ".pdf")).read_bytes(), (tmp_path / name).read_text()
-        box = [float(x) for x in re.search(rb"/MediaBox \[ ([\d. ]+) \]", pdf)[1].split()]
-        _, _, width, height = map(float, re.search(r'viewBox="([^"]+)"', svg)[1].split())
-        assert box == pytest.approx([0, 0, 252, 252 * height / width], abs=0.1)
-    foreign = {"figures/mine.pdf", ERRORS.replace(".svg", ".pdf")}
-    for name in foreign:
-        (tmp_path / name).write_bytes(b"%PDF of another program")
-    write(tmp_path, Evaluation((), (), ()))
-    assert held(tmp_path) == TABLES | foreign
-
-
-def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_or_figure_of_it(tmp_path):
-    written = write(tmp_path, with_curves(), figures=True)
-    assert held(tmp_path) == TABLES | CURVES | DRAWN | {ERRORS, OPENING}
-    assert {path.name for path in written.paths} == {*TABLES, "curves.csv", "measures.csv", "figures"}
+def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_of_it(tmp_path):
+    written = write(tmp_path, with_curves())
+    assert held(tmp_path) == TABLES | CURVES
+    assert {path.name for path in written.paths} == TABLES | CURVES
     assert written.replaced == ""
-    for name in ("notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"):
+    foreign = {"notes.txt", "figures/mine.svg"}
+    (tmp_path / "figures").mkdir()
+    for name in foreign:
         (tmp_path / name).write_text("not ours")
-    written = write(tmp_path, of_one_method("fan"), figures=True)
+    written = write(tmp_path, of_one_method("fan"))
     assert written.replaced == "replaced the earlier evaluation of 2 methods"
-    foreign = {"notes.txt", "figures/mine.svg", "figures/curves-camel-constant-edited.svg"}
-    assert held(tmp_path) == TABLES | {"figures/errors-fan_test.svg", OPENING} | foreign
-    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
-    write(tmp_path, of_one_method("fan"))  # nobody asks for figures
     assert held(tmp_path) == TABLES | foreign
+    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
 
 
 def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
@@ -112,13 +89,10 @@ def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
     assert held(tmp_path) == TABLES
 
 
-def test_curves_and_figures_that_somebody_else_made_stay(tmp_path):
-    (tmp_path / "figures").mkdir()
+def test_curves_that_somebody_else_made_stay(tmp_path):
     (tmp_path / "curves.csv").write_text("t,y\n0,1\n")
-    (tmp_path / "index.html").write_text('<a href="figures/mine.svg">')
-    (tmp_path / "figures/mine.svg").write_text("<svg/>")
     assert write(tmp_path, of_one_method()).replaced == ""
-    assert held(tmp_path) == TABLES | {"curves.csv", "figures/mine.svg"}
+    assert held(tmp_path) == TABLES | {"curves.csv"}
 
 
 class Killed(BaseException):
@@ -192,14 +166,7 @@ def test_a_failure_before_all_is_written_leaves_the_earlier_evaluation_unchanged
     assert {name: (tmp_path / name).read_bytes() for name in held(tmp_path)} == before
 
 
-def test_a_file_at_the_path_of_the_figures_is_refused_and_the_earlier_evaluation_stays(tmp_path):
-    write(tmp_path, of_one_method(), figures=True)
-    for figure in (ERRORS, OPENING):
-        (tmp_path / figure).unlink()
-    (tmp_path / "figures").rmdir()
-    (tmp_path / "figures").write_text("in the way")
-    assert "figures" in str(refusal(write, tmp_path, of_one_method("fan"), figures=True))
-    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
+def test_a_file_at_the_path_of_the_folder_is_refused(tmp_path):
     (tmp_path / "notes").write_text("a file")
     error = refusal(write, tmp_path / "notes", with_curves())
     assert (error.problem, error.hint) == (f"{tmp_path}/notes cannot be written: File exists", "choose another folder")

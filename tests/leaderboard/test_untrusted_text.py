@@ -5,7 +5,6 @@ import json
 import re
 
 import pytest
-from handmade_evaluations import make_sweep
 from handmade_records import record
 from rich.table import Table as Grid
 from rich.text import Text
@@ -18,7 +17,6 @@ from saf_gen.core.table import Table
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.files import write_leaderboard
-from saf_gen.leaderboard.report import write_report
 
 STEERING = "\x1b[2J\x1b]0;title\x07\x9b31m\x7f\u202eevil\u2028next\ud800"
 NASTY = f"a|b\n| c | <script>alert(1)</script> `x` [y](http://z) {STEERING}"
@@ -115,10 +113,3 @@ def test_names_of_an_evaluation_are_escaped_for_page_and_figures():
     )
     assert shown.records[0].trace == (1.0, 2.0)
     assert shown.failures[0].problem == r"\x07"
-
-
-def test_names_in_other_scripts_are_text_in_the_figures_and_warn_of_nothing(tmp_path):
-    records = tuple(record(f"网+{n}", "对焦", 0.1, light="光", scene="焦点") for n in (1, 2))
-    made = Evaluation(records, (make_sweep("光", scene="焦点"),), ())
-    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="焦点", figures=True)
-    assert any("焦点" in path.read_text(encoding="utf-8") for path in (tmp_path / "figures").glob("*.svg"))

@@ -21,7 +21,6 @@ import hashlib
 import importlib
 import itertools
 import os
-import pickle
 import shutil
 import signal
 import sys
@@ -29,7 +28,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +45,6 @@ from saf_gen.benchmark.records import read_records, record_to_json
 from saf_gen.cli import main, root_command
 from saf_gen.errors import BadInput
 from saf_gen.generate import run as generate_run
-from saf_gen.leaderboard.report import choose_figures
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
@@ -80,21 +78,6 @@ class Writer:
     out: str
     state: Callable[[Path], Any]
     only_once: bool = False
-
-
-def remember_figures(folder: Path) -> None:
-    """Draw the figures of an evaluation once and then read them from a folder, as drawing does not change the disk."""
-    draw = choose_figures.plot_figures
-
-    def remembered(evaluation: Any, rows: Any, **options: Any) -> Any:
-        path = folder / f"{'-'.join(row.method for row in rows)}-{len(evaluation.sweeps)}"
-        if not path.exists():
-            path.write_bytes(
-                pickle.dumps([replace(figure, figure=None) for figure in draw(evaluation, rows, **options)])
-            )
-        return pickle.loads(path.read_bytes())
-
-    choose_figures.plot_figures = remembered
 
 
 def state_of_stream(path: Path) -> Any:
@@ -137,9 +120,7 @@ WRITERS = (
     Writer("tune", ("tune", "data", *TRY, "--out", "out.json"), "out.json", state_of_tuned),
     Writer("generate", ("generate", "small.yaml", "--out", "out", "--variant", "scalar"), "out", state_of_dataset),
     Writer("leaderboard", ("leaderboard", "one", "two", "--out", "out"), "out", state_of_records),
-    Writer(
-        "evaluate", ("evaluate", "data", "--method", "sd+argmax", "--figures", "--out", "out"), "out", state_of_records
-    ),
+    Writer("evaluate", ("evaluate", "data", "--method", "sd+argmax", "--out", "out"), "out", state_of_records),
 )
 
 
@@ -348,7 +329,6 @@ def stop_writers(
     root_command()  # otherwise each forked process would build it again
     gc.freeze()
     with tempfile.TemporaryDirectory(prefix="kill-points-") as folder:
-        remember_figures(Path(folder))
         return [kill_all(writer, Path(folder), every=every, first=first, tell=tell) for writer in chosen]
 
 

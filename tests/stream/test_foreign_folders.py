@@ -76,18 +76,6 @@ def test_names_with_dots_and_blanks_survive_every_export(tmp_path, call, folder)
     assert (tmp_path / "run.v1.5.png").stat().st_size
 
 
-def test_names_that_differ_in_signs_only_have_figures_of_their_own(tmp_path, call):
-    for name in ("a b", "a_b", "a.b"):
-        spikes = np.random.default_rng(1).integers(0, 2, (64, 8, 8), np.uint8)
-        write_stream(tmp_path / f"{name}.h5", spikes, focus_position=np.linspace(0, 1, 64, dtype=np.float32))
-    call("dataset", "index", tmp_path)
-    code, _, err = call(
-        "evaluate", tmp_path, "--method", "sd+argmax:window=8", "--figures", "--out", tmp_path / "ranked"
-    )
-    assert code == 0, err
-    assert len(list((tmp_path / "ranked" / "figures").glob("curves-*.svg"))) == 3
-
-
 @pytest.mark.parametrize("name", ["my data", "it's", "a;b", "$HOME", "a&b", "(1)", "a.b.c", "*", "tab\there"])
 def test_the_next_command_can_be_pasted_into_a_shell(tmp_path, call, name):
     folder = tmp_path / name

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-LIMITS = (100, 600, 3_000, 6_000, 20_000, 60_000)
+LIMITS = (100, 600, 3_000, 6_000, 20_000, 40_000, 60_000)
 WRITE = {
     "frames": """
 frames = (random.integers(0, 4096, (40, 60), np.uint16) for _ in range(60))
@@ -25,7 +25,10 @@ with EventWriter(path, shape=(4000, 40, 60), readout_hz=20_000, metadata=metadat
 
 @pytest.mark.parametrize("kind", list(WRITE))
 def test_a_full_disk_is_one_line_and_leaves_nothing(kind, tmp_path):
-    """A limit on the size of files acts like a full disk, with another errno; from the first structures to the end."""
+    """A limit on the size of files acts like a full disk, with another errno; from the first structures to the end.
+
+    HDF5 reads into memory that holds anything, here 0xA5.
+    """
     body = WRITE[kind].replace("\n", "\n        ")
     script = f"""
 import resource, signal
@@ -33,10 +36,16 @@ import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.stream.event_file import EventColumns, EventWriter
 from saf_gen.stream.frame_file import write_frames
-from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.full_disk import ErrorRecordingFile
+from saf_gen.stream.metadata import Metadata, Truth
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-random, path = np.random.default_rng(0), {str(tmp_path / "a.h5")!r}
-metadata = Metadata(provenance={{"note": "x" * 3000, "more": "y" * 3000}})
+random, path, readinto = np.random.default_rng(0), {str(tmp_path / "a.h5")!r}, ErrorRecordingFile.readinto
+def read_over_anything(disk, data):
+    memoryview(data).cast("B")[:] = b"\\xa5" * len(data)
+    return readinto(disk, data)
+ErrorRecordingFile.readinto = read_over_anything
+depth = random.random((40, 60), np.float32)
+metadata = Metadata(truth=Truth(depth=depth), provenance={{str(n): "x" * 3000 for n in range(9)}})
 for limit in {LIMITS}:
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     try:{body}

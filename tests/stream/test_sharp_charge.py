@@ -299,7 +299,7 @@ def test_a_file_that_changed_ended_or_went_is_told_in_one_line(path):
         held = stream.truth.sharp
         os.utime(path, ns=(1, 1))
         assert_says(refusal(stream.sharp, 3), "has changed since it was opened")
-        short = replace(held, offset=path.stat().st_size - 8, version=())
+        short = replace(held, offset=path.stat().st_size - 8, version=(path.stat().st_size, 1))
         assert_says(refusal(short.__getitem__, 0), "ends within /truth/sharp")
         path.unlink()
         assert_says(refusal(stream.sharp, 3), "No such file")

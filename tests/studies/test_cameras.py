@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from handmade_records import failed, record
 
-from saf_gen.benchmark.records import format_records, write_records
+from saf_gen.benchmark.records import write_records
 from studies.ranking.cameras import bits_per_pixel, interval, main
+from studies.ranking.packed_records import write_packed_records
 
 MEMBERS = 12
 
@@ -57,8 +58,8 @@ def test_recordings_that_another_camera_lacks_are_no_false_answers(write, capsys
 def test_in_one_packed_file_sensors_tell_cameras_apart(tmp_path, capsys):
     records = [replace(one, sensor="vidar_128x128") for one in answers("a+s", {0})]
     records += [replace(one, sensor="imx273") for one in answers("a+s", {0, 1, 2})]
-    packed = tmp_path / "both.jsonl.xz"
-    packed.write_bytes(lzma.compress(format_records(records).encode()))
+    packed = tmp_path / "both.xz"
+    write_packed_records(packed, records)
     assert main([str(packed)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("| vidar_128x128 | `a+s` | 96% | 96% |") for line in lines)
@@ -67,7 +68,7 @@ def test_in_one_packed_file_sensors_tell_cameras_apart(tmp_path, capsys):
 
 @pytest.mark.parametrize("content", [None, b"", b"{}", lzma.compress(b"{}\n")[:-9], lzma.compress(b"{}\n")])
 def test_a_packed_file_that_holds_no_records_is_one_line(tmp_path, content, capsys):
-    packed = tmp_path / "records.jsonl.xz"
+    packed = tmp_path / "records.xz"
     if content is not None:
         packed.write_bytes(content)
     assert main([str(packed)]) == 2

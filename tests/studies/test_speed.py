@@ -14,7 +14,7 @@ from written_scenes import needs_llvm
 
 from saf_gen.camera import get_sensor
 from saf_gen.errors import BadInput
-from studies.speed import bench, bias_maps, error, grain, growth, public_encoders
+from studies.speed import bench, bias_maps, grain, public_encoders
 from studies.speed.bench import Figure, Size
 
 SMALL = Size(
@@ -159,37 +159,6 @@ class Quiet:
 
 
 # Scripts, at small sizes.
-
-
-@pytest.mark.long
-@needs_llvm
-def test_growth_is_drawn_and_written(tmp_path, test_scenes, small_recipe):
-    plan = growth.Plan(
-        **{**vars(growth.SMALL), "sensor": SMALL.sensor, "recipe": str(small_recipe), "sequences": (1, 2)}
-    )
-    in_this_process = lambda function, *arguments: function(*arguments)  # noqa: E731
-    growth.main(["--out", str(tmp_path)], plan=plan, call=in_this_process)
-    found = json.loads((tmp_path / "growth.json").read_text())["curves"]
-    assert list(found) == list(growth.CURVES)
-    for curve in found.values():
-        assert len(curve["size"]) == len(curve["seconds"]) == len(curve["peak_gib"]) >= 2
-        assert min(curve["seconds"] + curve["peak_gib"]) > 0
-        assert math.isfinite(curve["slope_seconds"])
-    assert (tmp_path / "growth.png").stat().st_size > 10_000
-
-
-@needs_llvm
-@pytest.mark.slow
-def test_the_thin_lens_error_falls_as_the_root_of_samples(tmp_path, test_scenes):
-    """The exponent is -1/2 within 0.1, for 2,560 pixels at five positions, 4 to 16 samples, and one seed."""
-    plan = error.Plan(sensor=SMALL.sensor, positions=5, samples=(4, 8, 16), reference=128, batch=16)
-    error.main(["--out", str(tmp_path), "--scene", "plane"], plan=plan)
-    found = json.loads((tmp_path / "error.json").read_text())
-    assert found["slope_of_error"]["thin_lens"] == pytest.approx(-0.5, abs=0.1)
-    for method in ("one_pass", "thin_lens"):
-        assert all(a > b > 0 for a, b in zip(found[method]["error"], found[method]["error"][1:], strict=False))
-        assert len(found[method]["psnr_db"]) == 3
-    assert (tmp_path / "error.png").stat().st_size > 10_000
 
 
 def test_planted_bias_and_noise_are_separated():

@@ -1,4 +1,4 @@
-"""The training of the learned methods: labels, network inputs and, if PyTorch is installed, a complete run."""
+"""The training of the learned method: labels, network inputs and, if PyTorch is installed, a complete run."""
 
 import sys
 from importlib import import_module
@@ -11,17 +11,11 @@ from windowed_dataset import make_windowed_dataset
 LEARNED = HERE.parent / "studies" / "learned"
 
 
-def training_script(name):
-    @pytest.fixture(scope="module")
-    def script():
-        with pytest.MonkeyPatch.context() as patch:
-            patch.syspath_prepend(LEARNED)
-            yield import_module(name)
-
-    return script
-
-
-curves, shot = training_script("train_running_curves"), training_script("train_single_shot")
+@pytest.fixture(scope="module")
+def curves():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(LEARNED)
+        yield import_module("train_running_curves")
 
 
 @pytest.fixture(scope="module")
@@ -95,39 +89,3 @@ def test_a_small_run_writes_weights_that_the_method_runs(curves, dataset, tmp_pa
     noise = {split: curves.read_examples(dataset, split, keep=dataset / "curves") for split in ("train", "validation")}
     first = curves.train(noise, seed=1, epochs=1).rows
     assert first == curves.train(noise, seed=1, epochs=1).rows != curves.train(noise, seed=2, epochs=1).rows
-
-
-def test_soft_ordinal_labels_are_highest_at_the_distance_and_alike_on_both_sides_of_a_bin(shot):
-    torch = pytest.importorskip("torch", reason="the extra train is not installed")
-    centres = shot.method.CENTRES
-    found = shot.label(torch.sinh(torch.tensor([centres[20], -centres[20]], dtype=torch.float32))).numpy()
-    assert found.sum(axis=1) == pytest.approx(1)
-    assert list(found.argmax(axis=1)) == [20, 8]
-    assert found[0, 19] == pytest.approx(found[0, 21], rel=1e-4)
-    assert np.allclose(found[0], found[1, ::-1], atol=1e-5)
-
-
-def test_the_network_that_is_exported_measures_windows_as_its_training_does(shot):
-    torch = pytest.importorskip("torch", reason="the extra train is not installed")
-    random = np.random.default_rng(7)
-    windows = random.poisson(8.0, (2, 6, 2, 64, 64)).astype(np.float32) / 8
-    found = shot.measure_windows(windows)
-    energies = [*found["alone"], found["both"][0, 1], *found["noise"]]
-    network = shot.make_network().eval()
-    apart = torch.tensor([[0.3]])
-    with torch.inference_mode():
-        trained = torch.softmax(network.score(torch.from_numpy(np.stack(energies))[None], apart), 2)[0]
-        exported = network(torch.from_numpy(np.concatenate(windows, axis=1))[None], apart)
-    assert np.allclose(trained, torch.cat(exported), atol=1e-5)
-
-
-def test_a_small_network_trains_alike_with_the_same_seed(shot, dataset):
-    for package in ("torch", "onnxscript"):
-        pytest.importorskip(package, reason="the extra train is not installed")
-    keep = dataset / "windows"
-    noise = {split: shot.read_examples(dataset, split, keep=keep) for split in ("train", "validation")}
-    assert len(list(keep.glob("*.npz"))) == 2
-    again = {split: shot.read_examples(dataset, split, keep=keep) for split in ("train", "validation")}
-    assert np.array_equal(noise["train"][0]["both"], again["train"][0]["both"])
-    first = shot.train(noise, seed=1, epochs=1).rows
-    assert first == shot.train(noise, seed=1, epochs=1).rows != shot.train(noise, seed=2, epochs=1).rows

@@ -96,22 +96,18 @@ def whole_target_fields(truth: Truth, error: float | None) -> dict[str, Any]:
 
 
 def least_blur_fields(truth: Truth, judge: Callable[[Truth], Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the fields of a record on the least blur, all None unless it is far from the largest contrast.
+    """Return the success of an answer by the least blur; None unless it is far from the largest contrast.
 
     Parameters
     ----------
     truth : Truth
         Truth of the recording.
     judge : callable
-        Judges the answer by another truth, and returns its ``truth``, ``error_dof`` and ``success_1dof``.
+        Judges the answer by another truth, and returns its ``success_1dof``.
     """
     dof, least_blur = judged_dof(truth.depth_of_focus), truth.least_blur
     if dof is None or least_blur is None or not abs(least_blur - truth.position) > MAX_APART_DOF * dof:
-        return dict.fromkeys(("least_blur", "error_least_blur_dof", "success_least_blur"))
+        return {"success_least_blur": None}
     apart = least_blur - truth.position
     judged = judge(replace(truth, position=least_blur, track=None if truth.track is None else truth.track + apart))
-    return {
-        "least_blur": judged["truth"],
-        "error_least_blur_dof": judged.get("error_dof"),
-        "success_least_blur": judged["success_1dof"],
-    }
+    return {"success_least_blur": judged["success_1dof"]}

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from saf_gen.core.files import name_as_text
-from saf_gen.core.object_store import AnyPath
+from saf_gen.core.files import check_on_disk, name_as_text
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, read_manifest
 from saf_gen.stream.recordings import Recording
@@ -18,7 +18,7 @@ class SequenceTask:
     split: str | None
     scene: str
     light: str | None
-    path: AnyPath
+    path: Path
     content_sha256: str | None
     variant: int | None = None
     scene_motion: str | None = None
@@ -35,13 +35,13 @@ class SequenceSelection:
 
 
 def select_sequences_to_evaluate(
-    path: AnyPath, *, split: str | None = None, scene_motion: str | None = None
+    path: Path, *, split: str | None = None, scene_motion: str | None = None
 ) -> SequenceSelection:
     """Select the sequences to evaluate in a dataset folder, or the single stream of a file.
 
     Parameters
     ----------
-    path : Path or StorePath
+    path : Path
         Dataset folder or stream file.
     split : str, optional
         Split of the sequences, or ``all``. The default is ``test``, or the only split of the dataset.
@@ -91,7 +91,7 @@ def select_sequences_to_evaluate(
     return SequenceSelection(tasks, left_out)
 
 
-def _choose_splits(manifest: Manifest, split: str | None, *, path: AnyPath) -> tuple[str, ...]:
+def _choose_splits(manifest: Manifest, split: str | None, *, path: Path) -> tuple[str, ...]:
     """Return the splits that ``split`` selects from a dataset; see select_sequences_to_evaluate."""
     if split is not None:
         return manifest.select_splits(split, where=str(path))
@@ -105,7 +105,8 @@ def _choose_splits(manifest: Manifest, split: str | None, *, path: AnyPath) -> t
     return (manifest.default_split,)
 
 
-def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | None) -> SequenceTask:
+def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None) -> SequenceTask:
+    check_on_disk(path)
     if not path.exists():
         raise BadInput(
             f"no dataset or stream at {str(path)!r}",
@@ -123,7 +124,7 @@ def _make_stream_task(path: AnyPath, *, split: str | None, scene_motion: str | N
     return SequenceTask(name, None, name, None, path, None)
 
 
-def _siblings(path: AnyPath) -> list[str]:
+def _siblings(path: Path) -> list[str]:
     return [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
 
 

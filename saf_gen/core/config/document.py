@@ -15,7 +15,6 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel, ConfigDict, Tag, TypeAdapter, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
-from saf_gen.core.object_store import AnyPath
 from saf_gen.errors import BadInput, closest
 
 Key = str | int
@@ -57,7 +56,7 @@ class Document:
     ``find_lines`` is called only when a line is first requested, so that reading a file without errors is fast.
     """
 
-    def __init__(self, data: Any, path: AnyPath, *, find_lines: Callable[[], Lines]) -> None:
+    def __init__(self, data: Any, path: Path, *, find_lines: Callable[[], Lines]) -> None:
         self.data, self.path = data, path
         self._find_lines = find_lines
 
@@ -83,7 +82,7 @@ MAX_LINE = 1 << 24
 """Largest number of characters per line of a file that programs write, such as the records of an evaluation."""
 
 
-def read_text(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
+def read_text(path: Path, *, max_bytes: int = MAX_DATA_FILE_BYTES, encoding: str = "utf-8", hint: str = "") -> str:
     """Return the text of a file, with every line end converted to a newline.
 
     Raises BadInput if the file is missing (the error then suggests the nearest name), cannot be read, is not a regular
@@ -101,7 +100,7 @@ def read_text(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, encoding: 
         raise BadInput(f"{path} cannot be read: {error}", hint=hint) from error
 
 
-def check_plain_file(path: AnyPath, *, max_bytes: int = MAX_DATA_FILE_BYTES, hint: str = "") -> None:
+def check_plain_file(path: Path, *, max_bytes: int = MAX_DATA_FILE_BYTES, hint: str = "") -> None:
     """Raise BadInput for a folder, a pipe, a device, or a file of more than ``max_bytes`` bytes.
 
     Raises OSError if the path does not exist.

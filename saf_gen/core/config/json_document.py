@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from saf_gen.core.config.document import Document, Key, Lines, check_plain_file, check_valid_unicode, read_text
-from saf_gen.core.object_store import AnyPath, StorePath
 from saf_gen.errors import BadInput
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
@@ -29,9 +28,9 @@ def read_json(path: str | Path, *, hint: str = "") -> Document:
     return parse_json(read_text(Path(path), hint=hint), path, hint=hint)
 
 
-def parse_json(text: str, path: str | AnyPath, *, first_line: int = 1, hint: str = "") -> Document:
+def parse_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = "") -> Document:
     """Read JSON text that begins in line ``first_line`` of the file ``path``; raise BadInput as :func:`read_json`."""
-    path = path if isinstance(path, StorePath) else Path(path)
+    path = Path(path)
     try:
         if (values := sum(map(text.count, ",[{"))) > MAX_VALUES:
             raise BadInput(
@@ -61,7 +60,7 @@ def format_checked_json(document: Mapping[str, Any], *, indent: int | None = Non
     return f"{text[:at]}{_digits(text[:at])}{text[at:]}"
 
 
-def parse_checked_json(text: str, path: str | AnyPath, *, first_line: int = 1, hint: str = "") -> Document:
+def parse_checked_json(text: str, path: str | Path, *, first_line: int = 1, hint: str = "") -> Document:
     """Read JSON text as :func:`parse_json` does, verify its checksum, and leave the checksum out of the document.
 
     An object without a checksum, as earlier versions wrote, is accepted. Raises BadInput as :func:`read_json` does, and

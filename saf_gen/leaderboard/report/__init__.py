@@ -1,4 +1,4 @@
-"""The report of an evaluation: an HTML page, its figures as files, and the folder that holds all files."""
+"""The report of an evaluation: an HTML page, and the folder that holds all files."""
 
 from saf_gen.leaderboard.report.evaluation_folder import (
     WrittenEvaluation,

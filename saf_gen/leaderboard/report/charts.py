@@ -1,7 +1,6 @@
 """The charts of a page: data of curves, lens paths and profiles, which the page's script draws, and the choice of them.
 
-Numbers have four significant digits. Nothing here draws, so that a page costs little; printed figures are drawn
-when they are asked for (:mod:`saf_gen.leaderboard.report.choose_figures`).
+Numbers have four significant digits. Nothing here draws, so that a page costs little.
 """
 
 from collections import Counter

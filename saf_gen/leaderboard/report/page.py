@@ -27,14 +27,13 @@ from saf_gen.leaderboard.report.html import hash_script, load_templates, read_as
 from saf_gen.leaderboard.short_names import spell_out_names
 from saf_gen.leaderboard.sweep_lines import split_method
 
-SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "board.js", "compare.js", "charts.js", "viewer.js")
+SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "board.js", "charts.js", "viewer.js")
 STYLES = ("uplot/uPlot.min.css", "page.css")
 MAX_FAILURES = 100
 MAX_ANSWERS = 100
 """Largest number of rows in the table of single answers, with and without the script."""
 MAX_HELD = 5000
 """Number of answers above which the page holds only a selection for its script, so that its size stays limited."""
-WORST_OF_METHOD = 20
 LOOKING = {"target": "looking at the target", "frame": "looking at the whole frame"}
 """What the first line of a page says of the regions where methods look."""
 NAMED_LEADERS = 3
@@ -111,22 +110,14 @@ class HeldAnswers:
     answers : tuple of Answer
         The answers.
     sequences : tuple of str
-        Names of the sequences. The first ``compared`` of them have the answers of every method.
-    compared : int
-        Number of sequences that have the answers of every method.
+        Names of the sequences.
     total : int
         Number of all sequences of the evaluation.
     """
 
     answers: tuple[Answer, ...]
     sequences: tuple[str, ...]
-    compared: int
     total: int
-
-    @property
-    def are_all(self) -> bool:
-        """Whether every answer is in the page."""
-        return self.compared == self.total
 
 
 @dataclass(frozen=True)
@@ -166,7 +157,6 @@ def build_page(
     *,
     title: str,
     charts: Sequence[Chart] = (),
-    figures: Sequence[str] = (),
     delivered: Delivered | None = None,
     results: Results | None = None,
 ) -> str:
@@ -182,8 +172,6 @@ def build_page(
         Heading, such as the name of the dataset.
     charts : sequence of Chart, optional
         Charts of the page.
-    figures : sequence of str, optional
-        Names of the figures beside the page, as ``figures/NAME.svg``.
     delivered : Delivered, optional
         What some methods delivered.
     results : Results, optional
@@ -218,7 +206,6 @@ def build_page(
             headline=_headline(rows, records),
             scatter=plot_times(rows),
             delivered=delivered,
-            figures=figures,
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
             sections=_list_sections(evaluation, results or compute_results(rows, records), charts=charts),
@@ -238,7 +225,6 @@ def build_page(
             data={
                 "methods": methods,
                 "sequences": list(held.sequences),
-                "compared": held.compared,
                 "total": held.total,
                 "selections": [
                     {
@@ -393,27 +379,21 @@ def _group_charts(charts: Sequence[Chart]) -> list[ChartGroup]:
 def choose_answers(records: Sequence[Record], *, max_answers: int = MAX_HELD) -> HeldAnswers:
     """Return the answers that the page holds, the worst first.
 
-    If there are at most ``max_answers`` answers, all are held. Otherwise the page holds the answers of every method on
-    sequences that are spread evenly over all, the MAX_ANSWERS worst answers of all, and the WORST_OF_METHOD worst of
-    each method, or fewer if there are many methods, so that at most about twice ``max_answers`` are held.
+    If there are more than ``max_answers`` answers, the page holds the worst of each method, as many of every method,
+    and the MAX_ANSWERS worst of all.
     """
-    names = list(dict.fromkeys(record.sequence for record in records))
-    methods = len({record.method for record in records})
+    methods = {record.method for record in records}
+    each = len(records) if len(records) <= max_answers else max(1, max_answers // len(methods))
     sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
-    worst_first = sorted(range(len(records)), key=lambda at: -sizes[at])
-    compared, worst = names, set(worst_first[:MAX_ANSWERS])
-    if len(records) > max_answers:
-        count = max(1, max_answers // methods)
-        compared = [names[i * len(names) // count] for i in range(count)]
-        of_method: Counter[str] = Counter()
-        for at in worst_first:
-            if of_method[records[at].method] < min(WORST_OF_METHOD, count):
-                of_method[records[at].method] += 1
-                worst.add(at)
-    chosen = set(compared)
-    held = [at for at in worst_first if at in worst or records[at].sequence in chosen]
-    sequences = tuple(dict.fromkeys([*compared, *(records[at].sequence for at in held)]))
-    return HeldAnswers(tuple(Answer(at + 1, records[at]) for at in held), sequences, len(compared), len(names))
+    of_method: Counter[str] = Counter()
+    held: list[Answer] = []
+    for at in sorted(range(len(records)), key=lambda at: -sizes[at]):
+        of_method[records[at].method] += 1
+        if len(held) < MAX_ANSWERS or of_method[records[at].method] <= each:
+            held.append(Answer(at + 1, records[at]))
+    known = {answer.record.sequence for answer in held}
+    names = list(dict.fromkeys(record.sequence for record in records))
+    return HeldAnswers(tuple(held), tuple(name for name in names if name in known), len(names))
 
 
 def list_selections(records: Sequence[Record]) -> list[Selection]:

@@ -1,4 +1,4 @@
-"""Pictures of a recording as a figure, a moving picture, a video, or a page to scrub through."""
+"""Pictures of a recording as a figure, a moving picture, or a page to scrub through."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,10 +26,8 @@ class ViewForm:
 
 FORMS = {
     "png": ViewForm("figure", 6, 48),
-    "pdf": ViewForm("figure", 6, 48),
     "svg": ViewForm("figure", 6, 48),
     "gif": ViewForm("moving picture", 60, 300),
-    "mp4": ViewForm("video", 200, 100_000),
     "html": ViewForm("page", 60, 400),
 }
 
@@ -118,12 +116,8 @@ def write_view(
             player.write_player(
                 pictures, timeline, region=box, path=part, title=name_as_text(stream.path.stem), fps=fps
             )
-        elif form in ("gif", "mp4"):
-            canvas = movie.MovieCanvas(pictures, timeline, region=box)
-            if form == "gif":
-                movie.write_gif(canvas, part, fps=fps)
-            else:
-                movie.write_mp4(canvas, part, size=canvas.size, fps=fps)
+        elif form == "gif":
+            movie.write_gif(movie.MovieCanvas(pictures, timeline, region=box), part, fps=fps)
         else:
             panels.draw_still(pictures, timeline, region=box, path=part, form=form)
     return pictures

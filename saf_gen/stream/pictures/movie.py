@@ -1,7 +1,6 @@
-"""A recording as a moving picture, GIF or MP4, with a cursor on plots next to the picture."""
+"""A recording as a moving picture, a GIF, with a cursor on plots next to the picture."""
 
-from collections.abc import Iterable, Iterator
-from fractions import Fraction
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from saf_gen.core.extras import require_extra
 from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 from saf_gen.core.region import Region
-from saf_gen.errors import BadInput
 from saf_gen.stream.pictures.panels import draw_panels, list_panels, stream_legends_height
 from saf_gen.stream.pictures.timeline import SEPARATOR, Timeline, WindowPictures, describe_moment
 
@@ -28,7 +25,7 @@ TINT = 16  # difference between the channels of a pixel above which it is not gr
 class MovieCanvas:
     """The fixed background of a moving picture, on which the picture and the cursors are drawn.
 
-    ``size`` is (width, height) in pixels, both even, as video requires.
+    ``size`` is (width, height) in pixels.
     """
 
     def __init__(self, pictures: WindowPictures, timeline: Timeline, *, region: Region | None) -> None:
@@ -41,7 +38,7 @@ class MovieCanvas:
         with use_plot_style(style):
             legends = round(DOTS_PER_INCH * stream_legends_height(timeline, width=PLOTS / DOTS_PER_INCH))
             tall = max(self._shown[1] + LINE, PANEL * len(list_panels(timeline)) + legends + LINE)
-            self.size = (self._shown[0] + PLOTS) // 2 * 2, tall // 2 * 2
+            self.size = self._shown[0] + PLOTS, tall
             inches = self.size[0] / DOTS_PER_INCH, self.size[1] / DOTS_PER_INCH
             figure = Figure(figsize=inches, dpi=DOTS_PER_INCH, layout="constrained")
             canvas = FigureCanvasAgg(figure)
@@ -122,24 +119,3 @@ def _choose_palette(screen: np.ndarray) -> Image.Image:
     palette = Image.new("P", (1, 1))
     palette.putpalette([*greys.ravel().tolist(), *lines.ravel().tolist(), *(mixtures or ())])
     return palette
-
-
-def write_mp4(frames: Iterable[np.ndarray], path: Path, *, size: tuple[int, int], fps: float) -> None:
-    """Write frames, uint8 (height, width, 3), as H.264 video; only one frame is in memory at a time.
-
-    ``size`` is (width, height), both even. Raises BadInput if PyAV, which contains an encoder, is missing or fails.
-    """
-    require_extra("video", "av", of="MP4")
-    import av
-
-    try:
-        with av.open(str(path.absolute()), "w", format="mp4", container_options={"movflags": "faststart"}) as file:
-            stream = file.add_stream("libx264", Fraction(fps).limit_denominator(1001), options={"crf": "10"})
-            stream.width, stream.height = size
-            stream.pix_fmt = "yuv420p"
-            for frame in frames:
-                file.mux(stream.encode(av.VideoFrame.from_ndarray(frame)))
-            file.mux(stream.encode())
-    except (OSError, av.FFmpegError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise BadInput(f"the video cannot be written: {reason.splitlines()[0]}", where=str(path)) from error

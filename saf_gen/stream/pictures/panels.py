@@ -87,7 +87,7 @@ def _draw_lens(axes: Axes, timeline: Timeline) -> None:
                 axes.fill_between(truth.frames, middle + low, middle + high, color=BAND, alpha=alpha, lw=0)
         axes.plot(truth.frames, middle, color=INK, lw=0.9, label="true focus, its depth of focus")
     if timeline.lens is not None:
-        _draw_extremes(axes, timeline.lens, style=PlotStyle("#0072b2", "-", "o"), label="lens")
+        _draw_extremes(axes, timeline.lens, style=PlotStyle("#0072b2", "-"), label="lens")
     axes.set_ylim(-0.03, 1.03)
     axes.set_yticks([0, 0.5, 1], ["0", "0.5", "1"])
     axes.set_ylabel("position")
@@ -185,7 +185,7 @@ BOX = "#ffd84a"
 
 
 def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region | None, path: Path, form: str) -> None:
-    """Write pictures and plots to ``path`` as png, pdf or svg (``form``), 3.5 inches wide.
+    """Write pictures and plots to ``path`` as png or svg (``form``), 3.5 inches wide.
 
     The same input gives the same bytes.
     """
@@ -214,8 +214,7 @@ def draw_still(pictures: WindowPictures, timeline: Timeline, *, region: Region |
         for ax in axes:
             for centre in pictures.centres:
                 ax.axvline(centre, color=SOFT, lw=0.5, ls=":")
-        nothing = dict.fromkeys({"pdf": ("CreationDate",), "svg": ("Date",)}.get(form, ()))
-        figure.savefig(path, format=form, metadata=nothing)
+        figure.savefig(path, format=form, metadata={"Date": None} if form == "svg" else None)
 
 
 def _caption(pictures: WindowPictures, centre: float) -> str:

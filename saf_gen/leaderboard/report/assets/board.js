@@ -1,14 +1,25 @@
 // The form above the leaderboard chooses among rows that are already computed: one table body for each selection of
-// sequences, the methods whose names contain all words, and their worst answers. The choice is stored in the address,
-// after the #, so that a link leads to the same view.
+// sequences, the methods whose names contain all words, and their worst answers.
+
+// Returns links to the descriptions of the measure and the search of a method, if the page has them.
+function linkPlugins(method) {
+  const halves = method.replace(/@(target|frame)$/, "").split("+");
+  const described = [...document.querySelectorAll(".plugin")];
+  return halves.flatMap((half) => {
+    const found = described.find((plugin) => plugin.querySelector("summary").textContent === half);
+    if (!found) return [];
+    const link = document.createElement("a");
+    [link.href, link.textContent] = [`#${found.id}`, `what ${half} computes`];
+    return [" ", link];
+  });
+}
 
 const board = document.getElementById("board");
 if (board !== null) {
   const data = JSON.parse(document.getElementById("data-of-records").textContent);
   const form = document.getElementById("filters");
-  const { text, selection, whole, first, second } = form.elements;
+  const { text, selection, whole } = form.elements;
   const shown = document.getElementById("shown");
-  const permalink = document.getElementById("permalink");
   const answers = document.getElementById("answers");
   const answerTable = answers.querySelector("table");
   const answerRow = answerTable.tBodies[0].rows[0];
@@ -16,7 +27,6 @@ if (board !== null) {
   const everySequence = { body: 0, sequences: data.sequences.map((_, number) => number), total: data.total };
   const methodAt = columnHeads(board).findIndex((head) => head.textContent === "method");
   const methodOf = (row) => row.cells[methodAt].textContent;
-  let answersOf = ""; // the only method whose answers are listed
 
   const showAnswers = (hasMethod, { sequences, total }, whose) => {
     const chosen = new Set(sequences);
@@ -53,49 +63,9 @@ if (board !== null) {
   };
 
   const selected = () => data.selections[Number(selection.value) - 1] ?? everySequence;
-  const nameOf = (option) => (option.value === "0" ? "" : `${option.parentElement.label}: ${option.text}`);
-
-  const readView = () => {
-    const sorted = columnHeads(board).findIndex((head) => head.hasAttribute("aria-sort"));
-    const order = sorted < 0 ? "" : columnHeads(board)[sorted].getAttribute("aria-sort");
-    const view = {
-      find: text.value.trim(),
-      sequences: nameOf(selection.selectedOptions[0]),
-      sort: sorted < 0 ? "" : columnNames(board)[sorted],
-      order: order === "descending" ? order : "",
-      columns: whole.checked ? "all" : "",
-      method: first.value,
-      beside: second.value,
-      answers: answersOf,
-    };
-    return new URLSearchParams(Object.entries(view).filter(([, value]) => value !== "")).toString();
-  };
-
-  const setView = (hash) => {
-    const view = new URLSearchParams(hash);
-    const choose = (select, wanted, name) => {
-      select.value = ([...select.options].find((option) => name(option) === wanted) ?? select.options[0]).value;
-    };
-    text.value = view.get("find") ?? "";
-    whole.checked = view.get("columns") === "all";
-    choose(selection, view.get("sequences") ?? "", nameOf);
-    choose(first, view.get("method") ?? "", (option) => option.value);
-    choose(second, view.get("beside") ?? "", (option) => option.value);
-    const column = columnNames(board).indexOf(view.get("sort"));
-    if (column < 0) unsortTable(board);
-    else sortTable(board, column, view.get("order") === "descending");
-    update();
-    if (data.methods.includes(view.get("answers"))) showAnswersOf(view.get("answers"));
-  };
-
-  const writeAddress = () => {
-    const view = readView();
-    permalink.href = view ? `#${view}` : "#leaderboard";
-    if (view || location.hash.includes("=")) history.replaceState(null, "", view ? `#${view}` : "#leaderboard");
-  };
 
   const update = () => {
-    const { body: number, sequences, total } = selected();
+    const { body: number, total } = selected();
     const words = text.value.toLowerCase().split(/[\s,]+/).filter(Boolean);
     const hasWords = (method) => words.every((word) => method.toLowerCase().includes(word));
     [...board.tBodies].forEach((body, at) => {
@@ -105,19 +75,14 @@ if (board !== null) {
     const methods = data.methods.filter(hasWords).length;
     shown.textContent =
       `${methods} of ${data.methods.length} methods, ${total} of ${data.total} sequences.`;
-    answersOf = "";
     showAnswers(hasWords, selected(), "");
-    compareMethods(board, data, { methods: [first.value, second.value], sequences, total, methodAt });
     fold();
-    writeAddress();
   };
 
   const showAnswersOf = (method) => {
-    answersOf = method;
     showAnswers((other) => other === method, selected(), ` of ${method}`);
     answers.querySelector("[role=status]").append(...linkPlugins(method));
     answers.querySelector("details").open = true;
-    writeAddress();
   };
 
   for (const link of board.querySelectorAll("td.name a")) { // on a narrow screen a name breaks after these signs
@@ -127,20 +92,17 @@ if (board !== null) {
   board.addEventListener("click", (event) => {
     const row = event.target.closest("a")?.closest("tr");
     if (!row) return;
-    event.preventDefault(); // the link would replace the view in the address
+    event.preventDefault(); // the list is opened and scrolled into view here
     showAnswersOf(methodOf(row));
     answers.scrollIntoView();
     answers.querySelector("summary").focus({ preventScroll: true });
   });
-  board.addEventListener("sorted", writeAddress);
   form.addEventListener("input", update);
-  for (const select of [first, second]) select.addEventListener("input", update); // they are outside the form
   form.addEventListener("submit", (event) => event.preventDefault());
-  form.addEventListener("reset", () => setTimeout(() => setView("")));
-  window.addEventListener("hashchange", () => { if (location.hash.includes("=")) setView(location.hash.slice(1)); });
+  form.addEventListener("reset", () => setTimeout(() => { unsortTable(board); update(); }));
   window.matchMedia("(max-width: 40rem)").addEventListener("change", fold);
   for (const control of [form, shown, ...document.querySelectorAll(".live")]) control.hidden = false;
-  setView(location.hash.includes("=") ? location.hash.slice(1) : "");
+  update();
 }
 
 // A link to something in closed details elements, or to a folded section, opens them.

@@ -83,7 +83,6 @@ function makeSortable(table) {
       const hasBars = table.tBodies[0].querySelector(`td:nth-child(${column + 1})[style]`) !== null;
       const order = head.getAttribute("aria-sort");
       sortTable(table, column, order === null ? hasBars : order === "ascending");
-      table.dispatchEvent(new Event("sorted", { bubbles: true }));
     });
   });
 }
