@@ -86,13 +86,8 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {"index": stream_commands.index_command, "merge": dataset_commands.merge_shards_command},
     ),
     "recipes": (
-        "List and check recipes, and seal a test split until everybody has submitted.",
-        {
-            "list": recipe_commands.list_recipes_command,
-            "check": recipe_commands.check_recipe_command,
-            "seal": recipe_commands.seal_command,
-            "unseal": recipe_commands.unseal_command,
-        },
+        "List and check recipes.",
+        {"list": recipe_commands.list_recipes_command, "check": recipe_commands.check_recipe_command},
     ),
     "sensors": (
         "List, show and check sensors, compare them with recordings, and fit one to your camera.",
@@ -105,12 +100,8 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "leaderboard": (
-        "Merge evaluations into one ranking, rank methods on SAF's recordings, and verify rows.",
-        {
-            "merge": leaderboard_commands.merge_command,
-            "saf": leaderboard_commands.rank_on_saf_folder_command,
-            "verify": leaderboard_commands.verify_evaluation_command,
-        },
+        "Merge evaluations into one ranking, and verify rows.",
+        {"merge": leaderboard_commands.merge_command, "verify": leaderboard_commands.verify_evaluation_command},
     ),
     "methods": (
         "List focus measures and searches, show one in full, or check a method.",
@@ -124,7 +115,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
     **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "recapture", "live"),
+        ("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture", "live"),
         "finished work is kept: run the same command again to continue",
     ),
     **dict.fromkeys(

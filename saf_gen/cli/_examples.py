@@ -16,10 +16,6 @@ EXAMPLES = {
     ),
     "leaderboard": ("leaderboard mine/evaluation other/evaluation --out merged", "leaderboard verify mine/evaluation"),
     "leaderboard merge": ("leaderboard merge mine/evaluation other/evaluation --out merged",),
-    "leaderboard saf": (
-        "leaderboard saf SAF/datasets --out ranked",
-        "leaderboard saf SAF/datasets --out ranked --beside mine/evaluation",
-    ),
     "leaderboard verify": (
         "leaderboard verify datasets/quickstart/evaluation",
         "leaderboard verify theirs --on mine --method their.py:Measure+argmax",
@@ -68,8 +64,6 @@ EXAMPLES = {
     "dataset merge": ("dataset merge quickstart shard1 shard2 --out datasets/quickstart",),
     "recipes list": ("recipes list",),
     "recipes check": ("recipes check my_recipe.yaml",),
-    "recipes seal": ("recipes seal my_recipe.yaml",),
-    "recipes unseal": ("recipes unseal my_recipe-sealed.yaml --secret my_recipe.secret",),
     "sensors list": ("sensors list",),
     "sensors show": ("sensors show vidar_400x250",),
     "sensors check": ("sensors check my_camera.yaml",),

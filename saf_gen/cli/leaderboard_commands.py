@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from saf_gen.cli._tables import print_leaderboard, print_names, print_table
+from saf_gen.cli._tables import print_leaderboard, print_table
 from saf_gen.cli._terminal import AsJson, ClusterAddress, OutFolder, err, out, progress_bars, terminal_reporter
 from saf_gen.cli.evaluate_commands import (
     ActuatorName,
@@ -15,7 +15,6 @@ from saf_gen.cli.evaluate_commands import (
     SweepMs,
     Track,
     name_splits,
-    print_broken,
     print_kept,
     print_written,
     protocol_from_options,
@@ -56,65 +55,6 @@ def merge_command(
     print_leaderboard(board, records=board.records, title=title)
     if written is not None:
         print_written(written)
-
-
-def rank_on_saf_folder_command(
-    folder: Annotated[Path, typer.Argument(help="SAF's folder: config.xlsx and the recordings that it lists.")],
-    target: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
-    *,
-    beside: Annotated[
-        list[Path] | None, typer.Option(help="Evaluation of other data to compare rankings with; repeatable.")
-    ] = None,
-    method: Annotated[
-        list[str] | None, typer.Option(help="MEASURE+SEARCH (default: all methods of --beside); repeatable.")
-    ] = None,
-    methods: Annotated[Path | None, typer.Option(help="File with one method per line.")] = None,
-    rate: Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")] = 20_000.0,
-    as_json: AsJson = False,
-) -> None:
-    """Rank methods on SAF's recordings by its authors' protocol and by ours, and compare with other evaluations.
-
-    The authors' protocol uses blocks of dt frames, the last frame of the best block, and a truth chosen by hand.
-    """
-    from saf_gen.benchmark.admission import admit_method, read_methods
-    from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard.ranking import rank_methods
-    from saf_gen.leaderboard.report import write_evaluation
-    from saf_gen.leaderboard.saf import PROTOCOL_NOTES, rank_on_saf, remove_kept, saf_table, write_saf
-    from saf_gen.leaderboard.tables import agreement
-
-    for one in method or ():
-        admit_method(one)  # a list may name only code that --method names as well
-    named = [*(method or ()), *(read_methods(methods) if methods else ())]
-    check_writable(target)
-    with progress_bars() as bars:
-        ranking = rank_on_saf(
-            folder,
-            target,
-            methods=named or None,
-            beside=beside or (),
-            readout_hz=rate,
-            progress=terminal_reporter("rank", bars),
-            notify=err.print,
-        )
-    rows = rank_methods(ranking.own.records)
-    written = write_evaluation(target / "ours", rows=rows, evaluation=ranking.own, title=folder.resolve().name)
-    paths = [*write_saf(target, ranking), written.paths[0].parent]
-    remove_kept(target)
-    print_table(saf_table(ranking), where_to_find=f"{target / 'ranking.md'} shows them", as_json=as_json)
-    if not as_json:
-        print_names(row.method for row in ranking.rows)
-        for note in PROTOCOL_NOTES:
-            out.print(note)
-        if ranking.agreement:
-            print_table(agreement(ranking.agreement, title="Agreement of ranks"))
-        for name, reason in ranking.left_out.items():
-            out.print(f"not run: {name}: {reason}")
-        for path in paths:
-            out.print(str(path), soft_wrap=True)
-    if ranking.broke:
-        print_broken(ranking.broke)
-        raise typer.Exit(1)
 
 
 def verify_evaluation_command(

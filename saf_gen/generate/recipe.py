@@ -12,7 +12,6 @@ from pydantic import (
     BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
-    WithJsonSchema,
     field_validator,
     model_serializer,
     model_validator,
@@ -26,15 +25,10 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.generate.light_schema import define_lights
-from saf_gen.generate.sealing import SealedSeed, open_seed
 from saf_gen.optics import AxialColour
 from saf_gen.plugins.lights import read_schedule, states_spectrum
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
-
-
-SEED_SCHEMA = {"anyOf": [{"type": "integer", "minimum": 0, "maximum": 2**63 - 1}, SealedSeed.model_json_schema()]}
-"""Schema of a seed: a number, or a sealed seed, which becomes a number when it is opened."""
 
 
 class ExposureSettings(FrozenModel):
@@ -346,8 +340,8 @@ class Recipe(FrozenModel):
 
     name: str = Field(pattern=NAME_PATTERN)
     """Name of the dataset: lower-case letters, digits, ``-``, ``_``."""
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1), WithJsonSchema(SEED_SCHEMA)]
-    """Seed of every random number of the dataset; ``saf-gen recipes seal`` hides it until its secret is published."""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)]
+    """Seed of every random number of the dataset."""
     camera: CameraSettings
     focus: FocusSettings
     render: RenderSettings
@@ -426,7 +420,6 @@ def read_recipe(path: str | Path) -> Recipe:
     Raises BadInput, with file and line, for the first entry that is wrong.
     """
     document = read_yaml(path)
-    open_seed(document)
     # A misspelt key of stacks is told as one, too.
     keys = document.data if isinstance(document.data, dict) else ()
     of_stacks = any(closest(key, [*Recipe.model_fields, "stacks"]) == "stacks" for key in keys)

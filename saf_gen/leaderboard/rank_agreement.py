@@ -142,44 +142,6 @@ def _split(outcomes: Outcomes, axis: Axis, *, regions: Mapping[str, str]) -> lis
     ]
 
 
-def compare_scores(
-    first: tuple[str, Mapping[str, Mapping[str, float]]],
-    second: tuple[str, Mapping[str, Mapping[str, float]]],
-    *,
-    condition: str,
-) -> RankAgreement | None:
-    """Return the agreement of two rankings of the same methods, each by its own kind of score.
-
-    Methods that are not scored in every scene of both rankings are left out. ``by_chance`` and ``p_value`` are None,
-    because scores of two kinds cannot be exchanged.
-
-    Parameters
-    ----------
-    first, second : tuple of (str, mapping)
-        Name of the ranking, and the scores by scene, then by method; larger is better. Scenes of the same name in both
-        rankings count as one scene.
-    condition : str
-        Name of the condition in the result.
-
-    Returns
-    -------
-    RankAgreement or None
-        None if the rankings have fewer than MIN_METHODS methods in common.
-    """
-    scored = [scores for _, scores in (first, second)]
-    common = [set.intersection(*map(set, by_scene.values())) if by_scene else set() for by_scene in scored]
-    methods = sorted(common[0] & common[1])
-    if len(methods) < MIN_METHODS:
-        return None
-    scenes = sorted({*scored[0], *scored[1]})
-    tables = np.full((2, len(scenes), len(methods)), np.nan)
-    for table, by_scene in zip(tables, scored, strict=True):
-        for scene, scores in by_scene.items():
-            table[scenes.index(scene)] = [scores[method] for method in methods]
-    fewest, shared = min(map(len, scored)), len(set(scored[0]) & set(scored[1]))
-    return _summarise(tables, methods, names=(condition, first[0], second[0]), fewest=fewest, shared=shared)
-
-
 def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, second: str) -> RankAgreement:
     methods = [name for name in one.methods if name in other.methods]
     one, other = (side.select({name: name for name in methods}) for side in (one, other))
@@ -188,7 +150,7 @@ def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, seco
     for table, side in zip(tables, (one, other), strict=True):
         table[[scenes.index(scene) for scene in side.scenes]] = side.average_by_scene(side.success).T
     shared = len(set(one.scenes) & set(other.scenes))
-    found = _summarise(tables, methods, names=(condition, first, second), fewest=len(scenes), shared=shared)
+    found = compare_tables(tables, methods, names=(condition, first, second), shared=shared)
     if found.tau is None or len(scenes) < MIN_SCENES:
         return found
     without = _draw_taus_by_chance(one, other, scenes=scenes)
@@ -198,18 +160,18 @@ def _compare(one: Outcomes, other: Outcomes, *, condition: str, first: str, seco
     return replace(found, by_chance=float(np.median(without)), p_value=float(p_value))
 
 
-def _summarise(
-    tables: np.ndarray, methods: Sequence[str], *, names: tuple[str, str, str], fewest: int, shared: int
+def compare_tables(
+    tables: np.ndarray, methods: Sequence[str], *, names: tuple[str, str, str], shared: int
 ) -> RankAgreement:
-    """Return the agreement of two tables of scores (2, S, M); ``by_chance`` and ``p_value`` are None.
+    """Return the agreement of two tables of scores, (2, S, M); ``by_chance`` and ``p_value`` are None.
 
-    The interval is computed only if ``fewest``, the number of scenes that support it, is at least MIN_SCENES.
+    The interval is computed only if there are at least MIN_SCENES scenes.
     """
     means = np.nanmean(tables, axis=1)
     ranks = 1 + (means[:, None, :] > means[:, :, None] + _TIE).sum(axis=2)
     largest_move = int(np.abs(ranks[0] - ranks[1]).argmax())
     tau = float(kendall_tau(*means[:, None])[0])
-    drawn = _draw_taus(tables) if fewest >= MIN_SCENES and not np.isnan(tau) else np.empty(0)
+    drawn = _draw_taus(tables) if tables.shape[1] >= MIN_SCENES and not np.isnan(tau) else np.empty(0)
     tail = (1 - CONFIDENCE) / 2
     # Noise in ranks draws τ towards 0, and samples contain it twice: with many methods, τ itself is often larger than
     # nearly all τ of samples. That is no evidence against τ, so the interval reaches at least to it.

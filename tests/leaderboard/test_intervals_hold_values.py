@@ -14,7 +14,7 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.intervals import COARSE, MIN_SCENES, median_interval, rate_intervals
 from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
-from saf_gen.leaderboard.rank_agreement import compare_rankings, compare_scores
+from saf_gen.leaderboard.rank_agreement import compare_rankings, compare_tables
 from saf_gen.leaderboard.tables import ranking
 
 LAST_BIT = 1e-9
@@ -99,11 +99,9 @@ def test_the_interval_of_tau_contains_it(methods):
     random = make_generator("test_intervals", "tau", methods)
     for _ in range(10):
         rates = np.clip(random.random(methods) + random.normal(0, 0.2, (2, 20, methods)), 0, 1)
-        tables = [
-            (name, {f"s{s}": {f"m{m}": rate for m, rate in enumerate(own)} for s, own in enumerate(of_bin)})
-            for name, of_bin in zip("ab", random.binomial(6, rates) / 6, strict=True)
-        ]
-        found = compare_scores(*tables, condition="light")
+        tables = random.binomial(6, rates) / 6
+        names = [f"m{number}" for number in range(methods)]
+        found = compare_tables(tables, names, names=("light", "a", "b"), shared=20)
         assert contains(found.low, found.tau, found.high, tolerance=0)
 
 

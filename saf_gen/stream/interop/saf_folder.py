@@ -115,13 +115,8 @@ def _read_recording(row: list[str], *, root: Path, where: str) -> SafRecording:
     return SafRecording(name, file, frames, focal - 1, block)
 
 
-def import_saf_folder(
-    folder: str | Path, out: str | Path, *, readout_hz: float = 20_000, by_block: bool = False
-) -> Iterator[Path]:
+def import_saf_folder(folder: str | Path, out: str | Path, *, readout_hz: float = 20_000) -> Iterator[Path]:
     """Write each recording of a folder as a stream below ``out``, and yield its path.
-
-    If ``by_block`` is true, streams are written to subfolders ``blocks-DT``, one for each ``dt`` in the list, which
-    become splits of a dataset.
 
     The list states the frame in focus but no positions of the lens. The lens is assumed to move evenly from 0 to 1, so
     that answers can be judged; the true position follows from this, and the depth of focus is unknown. A stream that
@@ -129,7 +124,7 @@ def import_saf_folder(
     """
     for recording in read_saf_config(folder):
         lens = ((np.arange(recording.frames) + 0.5) / recording.frames).astype(np.float32)
-        target = Path(out) / (f"blocks-{recording.block}" if by_block else "") / f"{recording.name}.h5"
+        target = Path(out) / f"{recording.name}.h5"
         if not _is_imported(target, recording, newer_than=Path(folder) / CONFIG, readout_hz=readout_hz):
             check_replaceable(target)
             import_raw_frames(
