@@ -112,10 +112,7 @@ GROUPS_THAT_TAKE_ARGUMENTS = {"leaderboard": "merge"}
 GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_methods_command}
 """The function that runs if a group is given without a command; other groups print their help."""
 STOP_MESSAGES = {
-    **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture"),
-        FINISHED_WORK_IS_KEPT,
-    ),
+    **dict.fromkeys(("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture"), FINISHED_WORK_IS_KEPT),
     **dict.fromkeys(
         ("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors", "lens"), NOTHING_WRITTEN
     ),
