@@ -34,7 +34,7 @@ from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.axes import AXES
-from saf_gen.leaderboard.tables import AGREEMENT_MEANINGS, ranking
+from saf_gen.leaderboard.tables import ranking
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema
@@ -252,11 +252,6 @@ def leaderboard_conditions() -> str:
     return table("condition", "axis", "meaning", "bins", rows=rows)
 
 
-def rank_agreement() -> str:
-    """Return the table of the numbers that compare the rankings under two bins of a condition."""
-    return table("number", "meaning", rows=([f"`{key}`", said] for key, said in AGREEMENT_MEANINGS.items()))
-
-
 def curve_criteria() -> str:
     """Return the table of the criteria of a focus curve."""
     return table("number", "meaning", rows=([f"`{key}`", tick(said)] for key, said in field_docs(CurveQuality).items()))
@@ -286,7 +281,6 @@ PARTS: dict[str, Callable[[], str]] = {
         leaderboard_columns,
         leaderboard_conditions,
         curve_criteria,
-        rank_agreement,
         record_keys,
     )
 }

@@ -18,12 +18,11 @@ from saf_gen.leaderboard.intervals import CONFIDENCE
 from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
 from saf_gen.leaderboard.notes import grain_by_scene, notes_on
 from saf_gen.leaderboard.outcomes import RULE
-from saf_gen.leaderboard.rank_agreement import RankAgreement, compare_rankings
 from saf_gen.leaderboard.ranking import LeaderboardRow
 from saf_gen.leaderboard.short_names import name_list
 
 LEADERBOARD_FILES = (
-    "leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex", "axes.csv", "agreement.csv",
+    "leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex", "axes.csv",
     "profiles.csv", "neighbours.csv",
 )  # fmt: skip
 """Names of the tables of a leaderboard."""
@@ -35,8 +34,6 @@ class Results:
 
     axes: tuple[AxisResults, ...]
     """Results by condition."""
-    agreement: tuple[RankAgreement, ...]
-    """Agreement of the rankings under the bins of each condition."""
     comparison: MethodComparison
     """Profiles of the methods, and comparisons of neighbours in rank."""
 
@@ -44,7 +41,7 @@ class Results:
 def compute_results(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Results:
     """Return the results of a leaderboard whose ``rows`` were computed from ``records``."""
     methods = [row.method for row in rows]
-    return Results(by_axis(records, methods), tuple(compare_rankings(records)), compare_methods(records, methods))
+    return Results(by_axis(records, methods), compare_methods(records, methods))
 
 
 def write_leaderboard(
@@ -91,7 +88,6 @@ def write_leaderboard(
         _format_page(rows, records=records, failures=failures, results=results),
         ranking.up_to(tables.INTERVALS).to_latex(),
         tables.bin_lines(results.axes).to_csv(),
-        tables.agreement(results.agreement).to_csv(),
         tables.profile_lines(results.comparison.profiles).to_csv(),
         tables.neighbours(results.comparison.neighbours).to_csv(),
     )
@@ -136,7 +132,6 @@ def _format_json(
         "axes": list(map(_axis_to_json, results.axes)),
         "profiles": [asdict(one) for one in results.comparison.profiles],
         "neighbours": tables.neighbours(results.comparison.neighbours).to_dicts(),
-        "rank_agreement": [asdict(one) for one in results.agreement],
         "notes": notes_on(rows, records),
         "grain": [asdict(grain) for grain in grain_by_scene(records)],
         **describe_records(records),
@@ -199,7 +194,4 @@ def _format_page(
         for one in map(keep_largest, results.axes)
         if len(one.bins) > 1
     ]
-    if results.agreement:
-        agreement = tables.agreement(results.agreement).to_markdown()
-        parts.append(f"## Agreement of ranks\n\n{tables.AGREEMENT_NOTE}\n\n{agreement}")
     return "\n".join(parts)

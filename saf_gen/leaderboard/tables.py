@@ -16,7 +16,6 @@ from saf_gen.leaderboard.axes import AxisResults, Bin
 from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
 from saf_gen.leaderboard.notes import SceneGrain
 from saf_gen.leaderboard.outcomes import FALSE_ABSTENTION_COST, group_by, median_magnitude
-from saf_gen.leaderboard.rank_agreement import RankAgreement
 from saf_gen.leaderboard.ranking import LEAST_TIMED_S, LeaderboardRow
 
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
@@ -389,63 +388,6 @@ def bin_lines(axes: Sequence[AxisResults]) -> Table:
         for one in results.bins
     ]
     return Table.of(headers.split(), rows)
-
-
-def agreement(found: Sequence[RankAgreement], *, title: str = "Agreement of ranks under two conditions") -> Table:
-    """Return the agreement of rankings under two bins of a condition."""
-    return Table(_AGREEMENT, found, title)
-
-
-AGREEMENT_NOTE = (
-    "τ is 1 if both rankings order the methods alike. By chance: the τ to expect if the condition had no effect."
-    " p: the probability that τ would then be as low, for this pair alone."
-)
-
-
-def _format_scenes(one: RankAgreement) -> str:
-    return str(one.scenes) if one.shared == one.scenes else f"{one.scenes} ({one.shared} in both)"
-
-
-def _format_most_moved(one: RankAgreement) -> str:
-    name, before, after = one.most_moved
-    return "none" if before == after else f"{name}: {before} to {after}"
-
-
-_AGREEMENT = (
-    Column("condition", "condition", lambda name: name.replace("_", " "), "The condition whose bins are compared."),
-    Column("first", "first", meaning="The first bin of the condition."),
-    Column("second", "second", meaning="The second bin of the condition."),
-    _number("methods", "methods", meaning="Number of methods that have answers under both bins.", detail=1),
-    _number(
-        "scenes",
-        "scenes",
-        meaning="Number of scenes that have sequences under at least one of the bins.",
-        cell=_format_scenes,
-        detail=1,
-    ),
-    _hidden("shared", meaning="Number of scenes that have sequences under both bins."),
-    _number(
-        "τ", "tau", ".2f", "Kendall's τ-b of the rankings by answerable success within 1 DoF; 1 means the same order."
-    ),
-    *_interval(
-        "95 %", ("low", "high"), format=".2f", meaning="95 % interval of τ by a bootstrap over scenes.", to=" to "
-    ),
-    _number("by chance", "by_chance", ".2f", "Median τ to expect from as many scenes if the condition had no effect."),
-    _number(
-        "p", "p_value", ".3f", "Probability of a τ as low as this if the condition had no effect, for this pair alone."
-    ),
-    Column(
-        "most moved",
-        lambda one: one.most_moved[0],
-        meaning="The method whose rank differs most, with its rank under each bin.",
-        cell=_format_most_moved,
-        key="most_moved",
-        folds=True,
-    ),
-    _hidden(lambda one: one.most_moved[1], key="rank_under_first"),
-    _hidden(lambda one: one.most_moved[2], key="rank_under_second"),
-)
-AGREEMENT_MEANINGS = {column.name: column.meaning for column in _AGREEMENT if column.meaning}
 
 
 # --- pairs and profiles of methods ---------------------------------------------------------------------

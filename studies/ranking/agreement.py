@@ -2,8 +2,7 @@
 
     python -m studies.ranking.agreement EVALUATION... [--by sensor]
 
-Several evaluations may differ in the sensor of their datasets and in the region where methods look. The tables of
-agreement within one evaluation are in its agreement.csv and leaderboard.md.
+Several evaluations may differ in the sensor of their datasets and in the region where methods look.
 """
 
 import argparse
@@ -14,10 +13,15 @@ from pathlib import Path
 
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.region import REGIONS
+from saf_gen.core.table import UNKNOWN, Column, Table
 from saf_gen.errors import BadInput, unknown
-from saf_gen.leaderboard import tables
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.rank_agreement import CONDITIONS, RankAgreement, compare_rankings
+from studies.ranking.rank_agreement import CONDITIONS, RankAgreement, compare_rankings
+
+NOTE = (
+    "τ is 1 if both rankings order the methods alike. By chance: the τ to expect if the condition had no effect."
+    " p: the probability that τ would then be as low, for this pair alone."
+)
 
 
 def agreement(evaluations: Sequence[Path], *, by: str | None = None) -> list[RankAgreement]:
@@ -46,6 +50,36 @@ def _name_regions(records: Sequence[Record]) -> list[Record]:
     return [r if r.method.endswith(named) else replace(r, method=f"{r.method}@{r.region}") for r in records]
 
 
+def agreement_table(found: Sequence[RankAgreement]) -> Table:
+    """Return the table of agreements."""
+    columns = (
+        Column("condition", "condition", lambda name: name.replace("_", " ")),
+        Column("first", "first"),
+        Column("second", "second"),
+        Column("methods", "methods", kind="number"),
+        Column("scenes", "scenes", cell=_format_scenes, kind="number"),
+        Column("τ", "tau", ".2f", kind="number"),
+        Column("95 %", "low", cell=_format_interval, kind="number"),
+        Column("by chance", "by_chance", ".2f", kind="number"),
+        Column("p", "p_value", ".3f", kind="number"),
+        Column("most moved", "most_moved", cell=_format_most_moved),
+    )
+    return Table(columns, found, "Agreement of ranks under two conditions")
+
+
+def _format_scenes(one: RankAgreement) -> str:
+    return str(one.scenes) if one.shared == one.scenes else f"{one.scenes} ({one.shared} in both)"
+
+
+def _format_interval(one: RankAgreement) -> str:
+    return UNKNOWN if one.low is None or one.high is None else f"{one.low:.2f} to {one.high:.2f}"
+
+
+def _format_most_moved(one: RankAgreement) -> str:
+    name, before, after = one.most_moved
+    return "none" if before == after else f"{name}: {before} to {after}"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -60,8 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not found:
         print("nothing to compare: one bin, or fewer than three methods have answers under two bins", file=sys.stderr)
         return 1
-    print(tables.agreement(found).to_markdown())
-    print(tables.AGREEMENT_NOTE)
+    print(agreement_table(found).to_markdown())
+    print(NOTE)
     return 0
 
 

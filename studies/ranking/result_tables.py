@@ -16,8 +16,8 @@ from typing import Any
 
 from saf_gen.core.table import percent
 from saf_gen.leaderboard.method_comparison import NeighbourComparison
-from saf_gen.leaderboard.rank_agreement import RankAgreement
-from saf_gen.leaderboard.tables import agreement, neighbours
+from saf_gen.leaderboard.tables import neighbours
+from studies.ranking.agreement import agreement, agreement_table
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 PAGES = (RESULTS / "saf_bench-v3.md",)
@@ -46,7 +46,7 @@ AXES = "light", "light_ratio", "scene_motion", "lens_motion", "photon_budget", "
 FIRST = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF"
 """First columns of the tables of all methods."""
 Evaluation = dict[str, Any]
-"""Content of leaderboard.json."""
+"""Content of leaderboard.json, and its folder."""
 
 
 def format_percent(fraction: float | None) -> str:
@@ -147,7 +147,7 @@ def tabulate_neighbours(evaluation: Evaluation) -> str:
 
 def tabulate_agreement(evaluation: Evaluation) -> str:
     """Return a table of how much the ranking depends on each condition."""
-    return agreement([RankAgreement(**one) for one in evaluation["rank_agreement"]]).to_markdown()
+    return agreement_table(agreement([evaluation["folder"]])).to_markdown()
 
 
 def tabulate_claims(evaluation: Evaluation) -> str:
@@ -195,7 +195,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, nargs="+", default=PAGES)
     given = parser.parse_args()
     evaluations = {
-        track: json.loads((folder / "leaderboard.json").read_text(encoding="utf-8"))
+        track: json.loads((folder / "leaderboard.json").read_text(encoding="utf-8")) | {"folder": folder}
         for track, folder in (("recorded", given.recorded), ("closed_loop", given.closed_loop))
         if folder is not None
     }

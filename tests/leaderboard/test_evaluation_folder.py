@@ -19,7 +19,6 @@ from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
 pytestmark = pytest.mark.slow
 
 TABLES = {
-    "agreement.csv",
     "axes.csv",
     "index.html",
     "leaderboard.csv",

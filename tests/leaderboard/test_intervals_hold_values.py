@@ -14,7 +14,6 @@ from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.intervals import COARSE, MIN_SCENES, median_interval, rate_intervals
 from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
-from saf_gen.leaderboard.rank_agreement import compare_rankings, compare_tables
 from saf_gen.leaderboard.tables import ranking
 
 LAST_BIT = 1e-9
@@ -93,18 +92,6 @@ def test_the_interval_of_a_rate_contains_the_mean_over_scenes_of_any_sizes():
         assert all(contains(low, mean, high) for mean, (low, high) in zip(fractions.mean(axis=1), ends, strict=True))
 
 
-@pytest.mark.parametrize("methods", [3, 64])
-def test_the_interval_of_tau_contains_it(methods):
-    """10 pairs of rankings by 20 scenes: with many methods, most τ of samples are below τ."""
-    random = make_generator("test_intervals", "tau", methods)
-    for _ in range(10):
-        rates = np.clip(random.random(methods) + random.normal(0, 0.2, (2, 20, methods)), 0, 1)
-        tables = random.binomial(6, rates) / 6
-        names = [f"m{number}" for number in range(methods)]
-        found = compare_tables(tables, names, names=("light", "a", "b"), shared=20)
-        assert contains(found.low, found.tau, found.high, tolerance=0)
-
-
 def draw_answer(random, method, sequence, *, kind, **more):
     chance = random.random()
     if chance < 0.15:
@@ -177,8 +164,6 @@ def check_comparison(records, rows):
         if pair.difference_low is not None:
             assert contains(pair.difference_low, pair.difference, pair.difference_high)
             assert contains(pair.improvement_low, pair.improvement, pair.improvement_high)
-    for one in compare_rankings(records):
-        assert one.low is None or contains(one.low, one.tau, one.high)
 
 
 @pytest.mark.parametrize(
@@ -223,4 +208,3 @@ def test_methods_without_a_common_sequence_have_no_comparison():
     ]
     rows = rank_methods(records)
     assert compare_methods(records, [row.method for row in rows]) == MethodComparison()
-    assert compare_rankings(records) == []

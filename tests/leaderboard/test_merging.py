@@ -5,6 +5,7 @@ from handmade_records import record
 from refusals import refusal
 
 from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.axes import by_axis
 from saf_gen.leaderboard.merging import merge_records
 
 ONE = [record("a+s", "x", 0.1), record("a+s", "y", 0.2), record("b+s", "x", 0.3), record("b+s", "y", 3.0)]
@@ -96,3 +97,52 @@ def test_records_that_cannot_be_compared_are_refused(records, fragments):
 def test_runs_that_cannot_be_compared_are_refused_by_name(later, fragments):
     problem = refusal(merge_records, {"runs/a": ONE, "runs/b": later}).problem
     assert all(fragment in problem for fragment in fragments), problem
+
+
+SENSORS = ("vidar_400x250", "vidar_400x250_noisy")
+
+
+def two_sensors():
+    """Records of eight methods on four sequences of each of twelve scenes, by two sensors."""
+    own = [
+        record(
+            f"m{m}+s",
+            f"s{s}-{i}",
+            0.5 if (7 * m + 5 * s + 3 * i) % 16 > m else 5.0,
+            scene=f"scene{s:02d}",
+            sensor=SENSORS[0],
+        )
+        for m in range(8)
+        for s in range(12)
+        for i in range(4)
+    ]
+    return own, [replace(r, data=f"noisy-{r.data}", sensor=SENSORS[1]) for r in own]
+
+
+def test_datasets_that_differ_in_the_sensor_alone_stand_in_one_table_with_an_axis():
+    nominal, noisy = two_sensors()
+    both = merge_records({"nominal": nominal, "noisy": noisy})
+    assert len({r.sequence for r in both}) == 2 * len({r.sequence for r in nominal})
+    assert {r.sequence.partition("@")[2] for r in both} == set(SENSORS)
+    (table,) = (t for t in by_axis(both, ["m0+s"]) if t.axis.name == "sensor")
+    assert [(one.name, one.scenes, one.sequences) for one in table.bins] == [(name, 12, 48) for name in SENSORS]
+    again = merge_records({"both": both, "nominal": nominal})
+    assert [r.sequence for r in again] == [r.sequence for r in both]
+    assert [row.answerable_1dof for row in rank_methods(both)] == pytest.approx(
+        [row.answerable_1dof for row in rank_methods(nominal)]
+    )
+
+
+def test_a_record_that_does_not_state_its_sensor_has_that_of_the_same_data():
+    nominal, noisy = two_sensors()
+    earlier = [replace(r, method=f"early-{r.method}", sensor=None) for r in nominal]
+    assert {r.sensor for r in merge_records({"now": nominal, "earlier": earlier})} == {SENSORS[0]}
+    assert len({r.sequence for r in merge_records({"now": nominal, "earlier": earlier})}) == 48
+    both = merge_records({"a": nominal, "b": noisy, "c": [replace(r, sensor=None) for r in nominal]})
+    assert len({r.sequence for r in both}) == 96
+
+
+def test_other_data_of_one_sensor_is_refused_as_before():
+    nominal, _ = two_sensors()
+    other = [replace(r, data="other") for r in nominal]
+    assert "data digest" in str(refusal(merge_records, {"a": nominal, "b": other}))

@@ -37,7 +37,7 @@ def write(folder, *, track):
     ]
     folder.mkdir()
     write_leaderboard(folder, rows=rank_methods(records), records=records)
-    return json.loads((folder / "leaderboard.json").read_text(encoding="utf-8"))
+    return json.loads((folder / "leaderboard.json").read_text(encoding="utf-8")) | {"folder": folder}
 
 
 @pytest.fixture(scope="module")

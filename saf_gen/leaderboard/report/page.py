@@ -76,11 +76,6 @@ NEIGHBOUR_CAPTION = (
     " that the first is nearer to the truth on a sequence, with 95 % intervals of each pair alone. Told apart:"
     " whether the difference is too large for chance, among all pairs at once."
 )
-AGREEMENT_CAPTION = (
-    "How much the ranking depends on a condition: Kendall's τ of the rankings under two of its bins is 1 if both order"
-    " the methods alike. The table also gives the interval of τ over scenes, the τ to expect if the condition had no"
-    " effect, and the probability that τ would then be as low (p, for this pair alone)."
-)
 GRAIN_CAPTION = (
     "Noise that the renderer left in the pictures: its root mean square divided by the mean, in the box around the"
     " target at best focus, and its largest energy divided by the range of each measure's focus curve. An energy above"
@@ -356,8 +351,7 @@ def _list_sections(evaluation: Evaluation, results: Results, *, charts: Sequence
         for number, (scene, own) in enumerate(by_scene.items(), start=1)
     ]
     if by_axis:
-        agreed = tables.agreement(results.agreement) if results.agreement else None
-        sections.append(PageSection("conditions", "By condition", (), by_axis, agreed, AGREEMENT_CAPTION))
+        sections.append(PageSection("conditions", "By condition", (), by_axis))
     if curves := evaluation.curves:
         table = tables.measures(curves)
         sections.append(PageSection("measures", "Curves of the measures", table=table, caption=MEASURES_CAPTION))

@@ -1,18 +1,13 @@
-import csv
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from handmade_records import record
-from refusals import refusal
 from scipy.stats import kendalltau
 
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.axes import by_axis
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.rank_agreement import compare_rankings, kendall_tau
+from studies.ranking.rank_agreement import compare_rankings, compare_tables, kendall_tau
 
 SENSORS = ("vidar_400x250", "vidar_400x250_noisy")
 
@@ -47,35 +42,6 @@ def test_tau_is_that_of_scipy_with_ties():
     plain = [kendalltau(a, b).statistic for a, b in zip(first, second, strict=True)]
     assert kendall_tau(first, second) == pytest.approx(plain)
     assert np.isnan(kendall_tau(np.ones((1, 4)), second[:1, :4])).all()
-
-
-def test_datasets_that_differ_in_the_sensor_alone_stand_in_one_table_with_an_axis():
-    nominal, noisy = two_sensors(by_skill, by_skill)
-    both = merge_records({"nominal": nominal, "noisy": noisy})
-    assert len({r.sequence for r in both}) == 2 * len({r.sequence for r in nominal})
-    assert {r.sequence.partition("@")[2] for r in both} == set(SENSORS)
-    (table,) = (t for t in by_axis(both, ["m0+s"]) if t.axis.name == "sensor")
-    assert [(one.name, one.scenes, one.sequences) for one in table.bins] == [(name, 12, 48) for name in SENSORS]
-    again = merge_records({"both": both, "nominal": nominal})
-    assert [r.sequence for r in again] == [r.sequence for r in both]
-    assert [row.answerable_1dof for row in rank_methods(both)] == pytest.approx(
-        [row.answerable_1dof for row in rank_methods(nominal)]
-    )
-
-
-def test_a_record_that_does_not_state_its_sensor_has_that_of_the_same_data():
-    nominal, noisy = two_sensors(by_skill, by_skill)
-    earlier = [replace(r, method=f"early-{r.method}", sensor=None) for r in nominal]
-    assert {r.sensor for r in merge_records({"now": nominal, "earlier": earlier})} == {SENSORS[0]}
-    assert len({r.sequence for r in merge_records({"now": nominal, "earlier": earlier})}) == 48
-    both = merge_records({"a": nominal, "b": noisy, "c": [replace(r, sensor=None) for r in nominal]})
-    assert len({r.sequence for r in both}) == 96
-
-
-def test_other_data_of_one_sensor_is_refused_as_before():
-    nominal, _ = two_sensors(by_skill, by_skill)
-    other = [replace(r, data="other") for r in nominal]
-    assert "data digest" in str(refusal(merge_records, {"a": nominal, "b": other}))
 
 
 def test_a_condition_that_changes_nothing_has_tau_1_and_no_method_that_moved():
@@ -115,12 +81,13 @@ def test_what_cannot_be_compared_is_left_out():
     assert (found.low, found.by_chance, found.p_value) == (None, None, None)
 
 
-def test_the_files_hold_the_agreement(tmp_path):
-    both = merge_records(dict(zip("ab", two_sensors(by_skill, by_skill), strict=True)))
-    write_leaderboard(tmp_path, rows=rank_methods(both), records=both)
-    (agreement,) = json.loads((tmp_path / "leaderboard.json").read_text())["rank_agreement"]
-    assert (agreement["condition"], agreement["tau"], agreement["most_moved"]) == ("sensor", 1, ["m0+s", 1, 1])
-    with (tmp_path / "agreement.csv").open(newline="") as file:
-        (line,) = csv.DictReader(file)
-    assert (line["first"], line["tau"], line["rank_under_second"]) == (SENSORS[0], "1.0", "1")
-    assert "## Agreement of ranks" in (tmp_path / "leaderboard.md").read_text()
+@pytest.mark.parametrize("methods", [3, 64])
+def test_the_interval_of_tau_contains_it(methods):
+    """10 pairs of rankings by 20 scenes: with many methods, most τ of samples are below τ."""
+    random = make_generator("test_intervals", "tau", methods)
+    for _ in range(10):
+        rates = np.clip(random.random(methods) + random.normal(0, 0.2, (2, 20, methods)), 0, 1)
+        tables = random.binomial(6, rates) / 6
+        names = [f"m{number}" for number in range(methods)]
+        found = compare_tables(tables, names, names=("light", "a", "b"), shared=20)
+        assert found.low <= found.tau <= found.high
