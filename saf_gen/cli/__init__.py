@@ -61,7 +61,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": stream_commands.view_command,
     "live": live_commands.live_command,
     "verify": dataset_commands.verify_command,
-    "pack": dataset_commands.pack_command,
     "fetch": dataset_commands.fetch_command,
     "init": machine_commands.init_command,
     "doctor": machine_commands.doctor_command,
@@ -138,7 +137,7 @@ STOP_MESSAGES = {
 """The message for a stopped command, by command or group; commands that write no files have none."""
 
 
-UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "pack", "fetch", "dataset")
+UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "fetch", "dataset")
 """Commands whose time is that of unpacking what strangers packed, and that have no bar or log of their own."""
 _MEMORY_ADVICE = ": finished work is kept; stop other programs, raise the limit (ulimit -v, -u), or use fewer --workers"
 MIN_MEMORY = 1 << 30

@@ -52,11 +52,7 @@ EXAMPLES = {
     ),
     "live": ("live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
     "verify": ("verify datasets/quickstart",),
-    "pack": (
-        "pack datasets/quickstart --out packed",
-        "pack datasets/quickstart --out packed --stacks --creator 'Your group'",
-    ),
-    "fetch": ("fetch https://example.org/quickstart", "fetch packed --out datasets/again"),
+    "fetch": ("fetch https://example.org/quickstart",),
     "init": ("init", "init my_project", "init my_project --forget"),
     "doctor": ("doctor", "doctor --json"),
     "scenes list": ("scenes list", "scenes list --json"),
