@@ -60,7 +60,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
     "verify": dataset_commands.verify_command,
-    "pack": dataset_commands.pack_command,
     "fetch": dataset_commands.fetch_command,
     "init": machine_commands.init_command,
     "doctor": machine_commands.doctor_command,
@@ -120,7 +119,7 @@ STOP_MESSAGES = {
 """What a user who stops a command is told, by command or group; commands that write no files have none."""
 
 
-UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "pack", "fetch", "dataset")
+UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "fetch", "dataset")
 """Commands whose time is that of unpacking what strangers packed, and that have no bar or log of their own."""
 _MEMORY_ADVICE = ": finished work is kept; stop other programs, raise the limit (ulimit -v, -u), or use fewer --workers"
 MIN_MEMORY = 1 << 30

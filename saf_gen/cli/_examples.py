@@ -49,11 +49,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "view recording.h5 --out sweep.html --as tfi --window 200",
     ),
     "verify": ("verify datasets/quickstart",),
-    "pack": (
-        "pack datasets/quickstart --out packed",
-        "pack datasets/quickstart --out packed --stacks --creator 'Your group'",
-    ),
-    "fetch": ("fetch https://example.org/quickstart", "fetch packed --out datasets/again"),
+    "fetch": ("fetch https://example.org/quickstart",),
     "init": ("init", "init my_project", "init my_project --forget"),
     "doctor": ("doctor", "doctor --json"),
     "scenes list": ("scenes list", "scenes list --json"),

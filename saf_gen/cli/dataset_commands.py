@@ -1,4 +1,4 @@
-"""The commands ``generate``, ``dataset merge``, ``verify``, ``pack`` and ``fetch``."""
+"""The commands ``generate``, ``dataset merge``, ``verify`` and ``fetch``."""
 
 import shlex
 from collections.abc import Sequence
@@ -250,6 +250,8 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.
     """Check every file of a dataset against the digest in its manifest."""
     from saf_gen.stream.dataset import verify_dataset
     from saf_gen.stream.description import describe_flaws
+    from saf_gen.stream.manifest import read_manifest
+    from saf_gen.stream.sharing.fetching import check_published
 
     flaws: dict[str, dict[str, str]] = {}
     count, problems = verify_dataset(dataset, report=lambda name, held: flaws.update({name: describe_flaws(held)}))
@@ -263,65 +265,30 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.
     out.print(f"{count - len(problems)} of {plural(count, 'sequence')} {'is' if count == 1 else 'are'} intact")
     if problems:
         raise typer.Exit(1)
-
-
-def pack_command(
-    dataset: Annotated[Path, typer.Argument(help="Dataset folder.")],
-    folder: Annotated[Path, typer.Option("--out", help="Folder for shards, index and cards; empty or new.")],
-    *,
-    shard_mb: Annotated[int, typer.Option(min=1, help="Size of a shard, in MB.")] = 1000,
-    stacks: Annotated[
-        bool, typer.Option("--stacks", help="Also pack focal stacks, which the closed loop needs.")
-    ] = False,
-    licence: Annotated[
-        list[str] | None,
-        typer.Option(help="SPDX name, such as CC-BY-4.0; repeatable (default: licences of the scenes)."),
-    ] = None,
-    url: Annotated[str, typer.Option(help="Address of the published dataset, for its card.")] = "",
-    creator: Annotated[str, typer.Option(help="Creator of the dataset, for its card.")] = "",
-) -> None:
-    """Pack a dataset for publication, into tar shards with an index of digests."""
-    from saf_gen.stream.sharing import pack_dataset
-
-    with progress_bars() as bars:
-        task = bars.add_task("pack", total=1.0)
-        packed = pack_dataset(
-            dataset,
-            folder,
-            shard_bytes=shard_mb * 1_000_000,
-            stacks=stacks,
-            licences=licence or (),
-            url=url,
-            creator=creator,
-            report=lambda done, total: bars.update(task, completed=done, total=total),
-        )
-    index = packed.index
-    out.print(f"{plural(len(index.shards), 'shard')}, {index.total_bytes / 1e6:,.1f} MB in {folder}", soft_wrap=True)
-    out.print(f"sha256 of its index: {packed.index_sha256}", soft_wrap=True)
-    out.print(f"next: saf-gen fetch {shlex.quote(str(folder))} --sha256 {packed.index_sha256}", soft_wrap=True)
-    if packed.missing:
-        err.print(f"its card has no {' and no '.join(packed.missing)}; add --{', --'.join(packed.missing)}")
+    try:
+        check_published(dataset, read_manifest(dataset))
+    except BadInput as problem:
+        out.print(escape_controls(f"others could not fetch it: {problem}"), soft_wrap=True, markup=False)
 
 
 def fetch_command(
-    source: Annotated[str, typer.Argument(help="Address (http or https) or folder of a packed dataset.")],
+    source: Annotated[str, typer.Argument(help="Address (http or https) of a dataset folder.")],
     *,
     folder: OutFolder = None,
-    sha256: Annotated[str, typer.Option(help="SHA-256 of the index, as stated by its publisher.")] = "",
+    sha256: Annotated[str, typer.Option(help="SHA-256 of manifest.json, as stated by its publisher.")] = "",
 ) -> None:
-    """Fetch a packed dataset, check every file and unpack it, or resume a fetch that was stopped."""
-    from saf_gen.stream.manifest import read_manifest
+    """Fetch a published dataset and check every file, or resume a fetch that was stopped."""
     from saf_gen.stream.sharing import fetch_dataset
 
     with progress_bars() as bars:
         task = bars.add_task("fetch", total=1.0)
-        target, index = fetch_dataset(
+        target, manifest = fetch_dataset(
             source,
             folder,
-            index_sha256=sha256,
+            manifest_sha256=sha256,
             report=lambda done, total: bars.update(task, completed=done, total=total),
             tell=err.print,
         )
-    count = sum(len(shard.members) for shard in index.shards)
-    out.print(f"{plural(count, 'file')}, {index.total_bytes / 1e6:,.1f} MB, every digest correct")
-    out.print(f"dataset: {target}   (next: {read_manifest(target).next_command(target)})", soft_wrap=True)
+    size = sum(one.bytes for one in manifest.files) / 1e6
+    out.print(f"{plural(len(manifest.files), 'file')}, {size:,.1f} MB, every digest correct")
+    out.print(f"dataset: {target}   (next: {manifest.next_command(target)})", soft_wrap=True)

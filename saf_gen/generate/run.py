@@ -41,7 +41,15 @@ from saf_gen.stack.focal_stack import PICTURES, WAVES, StackStore
 from saf_gen.stack.picture_stack import StackCard
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import FORMAT as MANIFEST_FORMAT
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
+from saf_gen.stream.manifest import (
+    MANIFEST_NAME,
+    TABLE_MARK,
+    TABLE_NAME,
+    Manifest,
+    SequenceEntry,
+    read_manifest,
+    write_manifest,
+)
 from saf_gen.stream.sharing.croissant import (
     CARD_NAME,
     PHOTOGRAPHS,
@@ -54,7 +62,12 @@ from saf_gen.stream.sharing.croissant import (
 from saf_gen.stream.stream_file import open_stream
 
 BACKENDS = ("auto", "cuda", "llvm", "scalar")
-MARKS = {MANIFEST_NAME: MANIFEST_FORMAT, "README.md": "Made by saf_gen", CARD_NAME: MANIFEST_NAME}
+MARKS = {
+    MANIFEST_NAME: MANIFEST_FORMAT,
+    "README.md": "Made by saf_gen",
+    CARD_NAME: MANIFEST_NAME,
+    TABLE_NAME: TABLE_MARK,
+}
 """Files of a dataset, with words by which they are known as such."""
 
 
@@ -393,7 +406,8 @@ $scenes
 ## Files
 
 - `croissant.json`: this card for programs ([Croissant](https://mlcommons.org/croissant)).
-- `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`.
+- `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`; the digest of every file.
+- `sequences.csv`: the same sequences as a table.
 - `<split>/<id>.h5`: a spike stream with its truth, and in `/provenance/recipe` the recipe that makes it again.
 - `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more.
 
@@ -404,7 +418,7 @@ with saf_gen.open_stream("$example") as stream:   # from this folder
     image = stream.counts(0, 200)
 ```
 
-To evaluate focus methods on it, from this folder: `$next_command`; to publish it: `saf-gen pack . --out FOLDER`.
+To evaluate focus methods on it, from this folder: `$next_command`; to publish it: put this folder on a server.
 """)
 
 
@@ -467,7 +481,7 @@ def write_dataset_card(
         next_command=manifest.next_command("."),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
-    matter = front_matter(manifest, licences, pattern="{split}/*.h5")
+    matter = front_matter(manifest, licences)
     write_text(folder / "README.md", matter + text)
     how = "photographed" if of_stacks else "rendered"
     described = (

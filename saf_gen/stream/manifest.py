@@ -1,14 +1,17 @@
 """The manifest of a dataset folder: the list of sequences that `generate` writes and `evaluate` reads.
 
 ``manifest.json`` is next to the folders ``<split>/``, which contain the streams ``<id>.h5``. It is written completely
-or not at all, and read strictly; a folder without a readable manifest is not a dataset.
+or not at all, and read strictly; a folder without a readable manifest is not a dataset. ``sequences.csv`` beside it is
+the same list as a table for other programs; nothing reads it here.
 """
 
+import csv
+import io
 import os
 import shlex
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated, ClassVar
 
@@ -16,12 +19,14 @@ from pydantic import ConfigDict, FailFast, Field
 
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
-from saf_gen.core.files import check_on_disk, write_text
+from saf_gen.core.files import check_on_disk, check_ours, file_sha256, write_text
 from saf_gen.errors import BadInput, closest, escape_controls, unknown
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.recordings import open_recording
 
-MANIFEST_NAME = "manifest.json"
+MANIFEST_NAME, TABLE_NAME = "manifest.json", "sequences.csv"
+TABLE_MARK = "id,split,scene,"
+"""The beginning of the table, by which it is known as ours."""
 FORMAT = "saf-gen dataset"
 LAYOUT = 1
 HINT = "remove it and run saf-gen generate again"
@@ -70,8 +75,23 @@ class SequenceEntry:
 
 
 @dataclass(frozen=True)
+class PublishedFile:
+    """A file that others may fetch: its path in the dataset folder, with '/', its size in bytes, and its SHA-256."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    file: str
+    bytes: Annotated[int, Field(strict=True, ge=0, le=1 << 60)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+@dataclass(frozen=True)
 class Manifest:
-    """A dataset: its name, the fingerprint of its recipe, its backend (``variant``), and its sequences."""
+    """A dataset: its name, the fingerprint of its recipe, its backend (``variant``), and its sequences.
+
+    ``files`` are the files of its streams as :func:`write_manifest` found them. They belong to the copy on this disk:
+    the same content may be stored in other bytes, so that manifests are compared without them.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
@@ -79,6 +99,7 @@ class Manifest:
     recipe_fingerprint: str
     variant: str
     sequences: Annotated[tuple[SequenceEntry, ...], FailFast()]
+    files: Annotated[tuple[PublishedFile, ...], FailFast()] = field(default=(), compare=False)
 
     @property
     def splits(self) -> tuple[str, ...]:
@@ -190,13 +211,39 @@ def verify_entry(folder: str | os.PathLike[str], entry: SequenceEntry) -> Metada
 
 
 def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
-    """Write ``manifest`` into ``folder``, which is created if it is missing; raise BadInput if that fails."""
-    path = Path(folder) / MANIFEST_NAME
+    """Write ``manifest`` and its table into ``folder``, which is created if it is missing.
+
+    Size and SHA-256 of each stream are taken from the disk. A stream that is missing, a link, or in a linked folder has
+    none, because it cannot be fetched. Raises BadInput if a file cannot be written, or if the table would replace a
+    file that saf-gen did not write.
+    """
+    root = Path(folder)
+    path = root / MANIFEST_NAME
     for entry in manifest.sequences:
         if not _is_inside(entry.file):
             raise _outside(entry, str(path))
-    document = {"format": FORMAT, "layout": LAYOUT, **asdict(manifest)}
+    names = [name for name in dict.fromkeys(entry.file for entry in manifest.sequences) if is_own_file(root, name)]
+    files = [PublishedFile(name, (root / name).stat().st_size, file_sha256(root / name)) for name in names]
+    write_table(root, manifest)
+    document = {"format": FORMAT, "layout": LAYOUT, **asdict(replace(manifest, files=tuple(files)))}
     write_text(path, format_checked_json(document, indent=1) + "\n")
+
+
+def write_table(folder: Path, manifest: Manifest) -> None:
+    """Write the sequences of a manifest as ``sequences.csv``; raise BadInput as :func:`write_manifest` does."""
+    check_ours(folder / TABLE_NAME, TABLE_MARK)
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(column.name for column in fields(SequenceEntry))
+    table.writerows(asdict(entry).values() for entry in manifest.sequences)
+    write_text(folder / TABLE_NAME, text.getvalue())
+
+
+def is_own_file(folder: Path, file: str) -> bool:
+    """Return whether a path in a folder is a file to which no link leads on the way."""
+    path = folder / file
+    way = [path, *path.parents][: len(PurePosixPath(file).parts)]
+    return path.is_file() and not any(part.is_symlink() for part in way)
 
 
 def _is_inside(file: str) -> bool:

@@ -27,10 +27,10 @@ TEXTS = {
     "deep": "[" * 9999,
 }
 COMMANDS = (
-    "verify {data}", "evaluate {data} --method sd+argmax --out {out}", "pack {data} --out {out} --licence CC0-1.0",
+    "verify {data}", "evaluate {data} --method sd+argmax --out {out}",
     "tune {data} --method sd+argmax --try search.window=20,50 --out {out}", "dataset index {data}",
     "leaderboard verify {judged} --on {data}", "evaluate {data} --predictions {answers} --out {out}",
-    "evaluate {data} --method sd+argmax --track closed_loop --out {out}", "fetch {data} --out {out}",
+    "evaluate {data} --method sd+argmax --track closed_loop --out {out}",
 )  # fmt: skip
 
 

@@ -4,12 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from folder_server import serve
 from planted_sweeps import write_three_sweeps
 from small_dataset import SMALL_RECIPE
-
-from saf_gen.stream.sharing import pack_dataset
 
 EVALUATE = "evaluate data --method sd+argmax:window=200"
 MERGE = "leaderboard merge judged --out"
@@ -18,10 +18,9 @@ TUNE = "tune data --method sd+argmax --try search.window=100,200 --out"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A folder with a dataset, its evaluation, its packed form, a raw file and a recipe."""
+    """A folder with a dataset, its evaluation, a raw file and a recipe."""
     root = tmp_path_factory.mktemp("made")
     write_three_sweeps(root / "data")
-    pack_dataset(root / "data", root / "packed", licences=["CC0-1.0"])
     (root / "recipe.yaml").write_text(SMALL_RECIPE)
     return root
 
@@ -41,9 +40,9 @@ FOREIGN = {
     "index.html": (f"{EVALUATE} --out OUT", "no evaluation wrote it"),
     "leaderboard.md": (f"{MERGE} OUT", "no evaluation wrote it"),
     "curves.csv": (f"{MERGE} OUT", "no evaluation wrote it"),
-    "notes.txt": ("pack data --out OUT --licence CC0-1.0", "is not empty"),
-    "thesis.tex": ("fetch packed --out OUT", "holds other files"),
-    "manifest.json": ("fetch packed --out OUT", "holds another dataset"),
+    "thesis.tex": ("fetch ADDRESS --out OUT", "holds other files"),
+    "manifest.json": ("fetch ADDRESS --out OUT", "holds another dataset"),
+    "sequences.csv": ("generate recipe.yaml --out OUT", "saf-gen did not write it"),
     "README.md": ("generate recipe.yaml --out OUT", "saf-gen did not write it"),
     "croissant.json": ("generate recipe.yaml --out OUT", "saf-gen did not write it"),
     "camera.dat": (f"export {STREAM} --out OUT/camera.dat", "raw files do not say who wrote them"),
@@ -55,7 +54,8 @@ FOREIGN = {
 
 
 def run(call, command, out):
-    return call(*(word.replace("OUT", out) for word in command.split()))
+    with serve(Path("data")) as (_, address):
+        return call(*(word.replace("OUT", out).replace("ADDRESS", address) for word in command.split()))
 
 
 def contents(folder):
@@ -81,8 +81,7 @@ def test_a_file_of_the_user_is_not_replaced(folder, call, name):
 LINKED = {
     "evaluate": f"{EVALUATE} --out OUT",
     "leaderboard": f"{MERGE} OUT",
-    "pack": "pack data --out OUT --licence CC0-1.0",
-    "fetch": "fetch packed --out OUT",
+    "fetch": "fetch ADDRESS --out OUT",
     "generate": "generate recipe.yaml --out OUT",
     "export": f"export {STREAM} --out OUT",
     "cut": f"cut {STREAM} --to 100 --out OUT",

@@ -345,11 +345,7 @@ def test_an_empty_shard_says_so_and_no_command_takes_an_unfinished_array_for_a_d
     assert "shard 99/99 has nothing to make" in out
     closing = f"saf-gen generate {recipe} --out {folder} --keep-slices none"
     assert f"next, once all 99 shards have ended: {closing}" in " ".join(out.split())
-    for words in (
-        ("evaluate", folder, "--out", tmp_path / "e"),
-        ("verify", folder),
-        ("pack", folder, "--out", tmp_path / "p"),
-    ):
+    for words in (("evaluate", folder, "--out", tmp_path / "e"), ("verify", folder)):
         code, _, err = call(*words)
         assert (code, err.count("\n")) == (2, 1)
         assert "no " in err

@@ -29,7 +29,6 @@ from saf_gen.errors import BadInput
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stream.manifest import read_manifest
-from saf_gen.stream.sharing import fetch_dataset
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
 STACK = StackSpec("plane", "0" * 64, ("lamp",), DRIVE, 16, 24, 60e-6, 9, 16, 4)
@@ -53,12 +52,6 @@ def _read_stream(path: Path) -> Any:
         return [facts, truth.position, truth.depth_of_focus, truth.frame, *(a.tobytes() for a in (*arrays, frames))]
 
 
-def _read_packed(path: Path) -> Any:
-    with tempfile.TemporaryDirectory() as made:
-        fetch_dataset(str(path.parent), Path(made) / "out")
-        return sorted((str(p.relative_to(made)), p.read_bytes()) for p in Path(made).rglob("*") if p.is_file())
-
-
 def _read_stack(path: Path) -> Any:
     root = path.parents[1]
     stack = StackStore(root, StackSpec.read(root, STACK.key)).load()
@@ -76,8 +69,6 @@ KINDS = (
     Flipped("manifest", "data/manifest.json", lambda path: read_manifest(path.parent)),
     Flipped("records", "judged/records.jsonl", read_records),
     Flipped("tuned file", "tuned.json", lambda path: read_tuned(path)[0]),
-    Flipped("index of shards", "packed/index.json", _read_packed),
-    Flipped("shard", "packed/*.tar", _read_packed),
     Flipped("focal stack", f"stacks/{STACK.key}/lamp.exr", _read_stack),
     Flipped("note of a focal stack", f"stacks/{STACK.key}/geometry.json", _read_stack),
 )

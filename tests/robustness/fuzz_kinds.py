@@ -59,7 +59,7 @@ KINDS = (
         ("inspect {}", "verify data", "score {} --measure sd --window 50", "inspect {} --json", EVALUATE),
         (HDF5, HDF5, HDF5, BYTES),
     ),
-    Kind("manifest", ("data/manifest.json",), ("verify data", EVALUATE, "pack data --out out --licence MIT"), PROGRAMS),
+    Kind("manifest", ("data/manifest.json",), ("verify data", EVALUATE), PROGRAMS),
     Kind("records", ("judged/records.jsonl",), ("leaderboard {} --out out", "leaderboard judged"), PROGRAMS),
     Kind(
         "tuned file", ("tuned.json",), ("methods show @{}", "evaluate data --method @{} --out out"), (*PROGRAMS, JSON)
@@ -77,12 +77,6 @@ KINDS = (
         ("camera.dat", "frames.npy", "frames.npz", "old.mat", "new.mat", "saf/config.xlsx", "saf/one.dat"),
         ("import {} --out out.h5", "!saf"),
         (BYTES, BYTES, MEMBER, HDF5),
-    ),
-    Kind(
-        "packed dataset",
-        ("packed/index.json", "packed/index.json", "packed/*.tar", "packed/manifest.json"),
-        ("fetch packed --out out",),
-        (JSON, JSON, MEMBER, BYTES),
     ),
     Kind(
         "pictures",

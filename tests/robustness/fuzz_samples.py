@@ -1,9 +1,7 @@
 """A folder with a valid sample of every kind of file that may be untrusted or mistyped."""
 
-import io
 import json
 import shutil
-import tarfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +16,6 @@ from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned
 from saf_gen.core import exr
 from saf_gen.core.region import REGIONS
 from saf_gen.stream.dataset import index_folder
-from saf_gen.stream.sharing import pack_dataset
 
 PACKAGE = Path(saf_gen.__file__).parent
 MARK = "SECRET-OF-THIS-MACHINE"
@@ -82,7 +79,6 @@ def write_samples(folder: Path, call: Callable[..., int]) -> None:
     (folder / "gain.csv").write_text("time_s,gain\n0,1\n0.01,2\n0.02,0.5\n")
     _write_scene(folder / "scenes" / "own")
     _write_foreign(folder)
-    pack_dataset(folder / "data", folder / "packed", licences=["MIT"])
     planes = np.random.default_rng(3).random((9, ROWS, COLUMNS), np.float32)
     named = {f"focus.{k:04d}": plane for k, plane in enumerate(planes)}
     exr.write_planes(folder / "stack.exr", named, attributes={"format": "1", "unit": "W"})
@@ -166,24 +162,13 @@ def _write_foreign(folder: Path) -> None:
 
 
 def repack(path: Path, change: Callable[[bytes], bytes], *, pick: int) -> bytes:
-    """Return an archive (.npz, .xlsx, .tar) with the content of one member changed and correct checksums."""
+    """Return an archive (.npz, .xlsx) with the content of one member changed and correct checksums."""
     out = path.with_suffix(".repacked")
-    if path.suffix == ".tar":
-        with tarfile.open(path) as old, tarfile.open(out, "w") as new:
-            members = old.getmembers()
-            for number, info in enumerate(members):
-                file = old.extractfile(info)
-                data = file.read() if file else b""
-                if number == pick % len(members):
-                    data = change(data)
-                    info.size = len(data)
-                new.addfile(info, io.BytesIO(data))
-    else:
-        with zipfile.ZipFile(path) as old, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new:
-            names = old.namelist()
-            for number, name in enumerate(names):
-                data = old.read(name)
-                new.writestr(name, change(data) if number == pick % len(names) else data)
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new:
+        names = old.namelist()
+        for number, name in enumerate(names):
+            data = old.read(name)
+            new.writestr(name, change(data) if number == pick % len(names) else data)
     text = out.read_bytes()
     out.unlink()
     return text

@@ -635,13 +635,12 @@ def documents(random: Random, folder: Path) -> Hostile:
         "a long number": b'{"a": ' + b"9" * (8 * MIB) + b"}", "a long text": b'{"a": "' + b"x" * (60 * MIB) + b'"}',
         "many keys": b"{" + b",".join(b'"%d":1' % n for n in range(900_000)) + b"}", "an empty list": b"[]", "nothing": b"",
         "many sequences": b'{"format": "saf-gen dataset", "layout": 1, "name": "a", "recipe_fingerprint": "", "variant": "", "sequences": [' + b"{}," * (10 * MIB) + b"{}]}",
-        "many of an index": b'{"format": "saf-gen shards", "layout": 1, "name": "a", "files": [], "shards": [' + b"{}," * (10 * MIB) + b"{}]}",
+        "many files": b'{"format": "saf-gen dataset", "layout": 1, "name": "a", "recipe_fingerprint": "", "variant": "", "sequences": [], "files": [' + b"{}," * (10 * MIB) + b"{}]}",
         "surrogates": b'["' + b"\\ud800" * 100_000 + b'"]', "one long line of records": b'{"method": "' + b"a" * (30 * MIB) + b'"}',
     }  # fmt: skip
     kind = str(pick(random, *kinds))
     where, command = pick(random,
         ("data/manifest.json", "verify data"), ("data/manifest.json", "evaluate data --out out"),
-        ("data/manifest.json", "pack data --out out --licence MIT"), ("packed/index.json", "fetch packed --out out"),
         ("a.jsonl", "evaluate whole --predictions a.jsonl --out out"), ("tuned.json", "methods show @tuned.json"),
         ("tuned.json", "evaluate whole --method @tuned.json --out out"), ("judged/records.jsonl", "leaderboard judged"),
         ("judged/records.jsonl", "leaderboard verify judged --on whole"),

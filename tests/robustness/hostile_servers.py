@@ -1,23 +1,20 @@
-"""Servers and archives of strangers, for ``saf-gen fetch``: whatever they send, one line within 20 seconds.
+"""Servers and datasets of strangers, for ``saf-gen fetch``: whatever they send, one line within 20 seconds.
 
 ``python tests/robustness/hostile_servers.py --count 200 --seed 1`` starts servers that answer in ways drawn at random,
-and packs archives with damaged or hostile members whose digests are right. It ends with 1 if a fetch raises anything
+and honest servers of datasets with damaged files or hostile manifests. It ends with 1 if a fetch raises anything
 but BadInput, is silent for 20 seconds, writes outside its folder, or leaves what is no dataset.
 """
 
 import argparse
-import io
 import json
 import shutil
 import socket
 import sys
-import tarfile
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,7 +24,7 @@ import saf_gen
 from saf_gen.errors import BadInput
 from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.manifest import read_manifest
-from saf_gen.stream.sharing import fetch_dataset, pack_dataset, server
+from saf_gen.stream.sharing import fetch_dataset, server
 
 SILENCE_S = 20.0
 Answer = Callable[[socket.socket, str, bytes], None]
@@ -86,7 +83,7 @@ ANSWERS: dict[str, Answer] = {
         for to in ("http://[::1", "ftp://127.0.0.1/x", "file:///etc/passwd", "javascript:1",
                    "http://" + "a" * 300 + ".com/", "http://a..b/", "//", "", "http://127.0.0.1:99999/",
                    "http://127.0.0.1:1/",
-                   "\\x", "http://xn--zzzzzz/", "gopher://x", "data:text/plain,x", "/index.json", "http://user:pw@[::ffff:1.2.3.4/")
+                   "\\x", "http://xn--zzzzzz/", "gopher://x", "data:text/plain,x", "/manifest.json", "http://user:pw@[::ffff:1.2.3.4/")
     },
     "a negative length": _head("HTTP/1.1 200 OK\nContent-Length: -5", b"x"),
     "two lengths": _head("HTTP/1.1 200 OK\nContent-Length: 5\nContent-Length: 7", b"xxxxx"),
@@ -160,90 +157,69 @@ def serve(answer: Answer, files: dict[str, bytes], only: str) -> Iterator[str]:
         listener.close()
 
 
-def make_packed(folder: Path) -> dict[str, bytes]:
-    """Return the files of a packed dataset of two small streams, by name."""
+def make_published(folder: Path) -> dict[str, bytes]:
+    """Return the files of a dataset of two small streams, by name."""
     rng = np.random.default_rng(3)
     for name in ("train/a-constant-00", "test/b-constant-00"):
-        saf_gen.write_stream(folder / f"data/{name}.h5", rng.integers(0, 2, (200, 24, 32), dtype=np.uint8))
-    index_folder(folder / "data")
-    pack_dataset(folder / "data", folder / "packed", licences=("CC0-1.0",))
-    return {path.name: path.read_bytes() for path in (folder / "packed").iterdir()}
+        saf_gen.write_stream(folder / f"{name}.h5", rng.integers(0, 2, (200, 24, 32), dtype=np.uint8))
+    index_folder(folder)
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def hostile_archive(random: np.random.Generator, files: dict[str, bytes]) -> tuple[str, dict[str, bytes]]:
-    """Return what is hostile, and the files of a packed dataset with a shard that differs, under right digests."""
-    index = json.loads(files["index.json"])
-    shard = index["shards"][int(random.integers(len(index["shards"])))]
-    members = [(m["file"], tar_content(files[shard["file"]], m["file"])) for m in shard["members"]]
-    (name, content), kind = members[0], str(random.choice(KINDS))
-    packed = io.BytesIO()
-    if kind in ("flipped bits", "cut", "noise", "a flipped header"):
-        data = bytearray(files[shard["file"]])
-        if kind == "noise":
-            data = bytearray(random.bytes(len(data)))
-        elif kind == "cut":
-            data = data[: int(random.integers(len(data)))]
-        else:
-            for at in random.integers(512 if kind == "a flipped header" else len(data), size=20):
-                data[at] ^= 1 << int(random.integers(8))
-    elif kind in ("gzip", "bzip2", "xz"):
-        with tarfile.open(fileobj=packed, mode={"gzip": "w:gz", "bzip2": "w:bz2", "xz": "w:xz"}[kind]) as tar:
-            add(tar, tarfile.TarInfo(name), content)
-        data = bytearray(packed.getvalue())
-    else:
-        with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar:
-            info = tarfile.TarInfo(name)
-            if kind == "a long header":
-                info.pax_headers = {"comment": "x" * 2_000_000}
-            elif kind == "headers of nonsense":
-                info.pax_headers = {"size": "-5", "mtime": "nan", "path": "\udc80"}
-            elif kind == "a sparse file":
-                info.pax_headers = {"GNU.sparse.major": "1", "GNU.sparse.minor": "0", "GNU.sparse.realsize": "9" * 30}
-            elif kind == "links":
-                info.type, info.linkname, content = (
-                    random.choice([tarfile.SYMTYPE, tarfile.LNKTYPE]),
-                    "/etc/passwd",
-                    b"",
-                )
-            elif kind == "a device":
-                info.type, content = random.choice([tarfile.CHRTYPE, tarfile.FIFOTYPE, tarfile.DIRTYPE]), b""
-            elif kind == "a path outside":
-                info.name = str(random.choice(["../../evil.h5", "/tmp/evil.h5", "a/../../evil.h5", "C:\\evil.h5"]))
-            elif kind == "a member twice":
-                add(tar, tarfile.TarInfo(name), content)
-            elif kind == "another size":
-                content = content[:-1]
-            elif kind == "nothing":
-                info = None
-            if info is not None:
-                add(tar, info, content)
-        data = bytearray(packed.getvalue())
-    changed = dict(files)
-    changed[shard["file"]] = bytes(data)
-    shard |= {"bytes": len(data), "sha256": sha256(data).hexdigest()}
+NAMES = (
+    "../../evil.h5", "/tmp/evil.h5", "a/../../evil.h5", "C:\\evil.h5", "C:evil.h5", "con.h5", "a/NUL", "a./b.h5", "a ",
+    "manifest.json", "Manifest.JSON", "train", "TRAIN/A-constant-00.h5", ".fetch/a.h5", "a\0b", "a" * 300, "", ".",
+    ".ssh", "a//b",
+    "sequences.csv", "readme.md", "com\u00b9.h5",
+)  # fmt: skip
+VALUES = (-1, 0, 1, 10**400, 1 << 61, "1", None, True, 1.5, [], "0" * 64, "../x", "F" * 64)
+
+
+def hostile_dataset(random: np.random.Generator, files: dict[str, bytes]) -> tuple[str, dict[str, bytes]]:
+    """Return what is hostile, and the files of a dataset of which one differs, under a manifest without a checksum."""
+    manifest = json.loads(files["manifest.json"])
+    del manifest["checksum"]
+    changed, number = dict(files), int(random.integers(2))
+    one, kind = manifest["files"][number], str(random.choice(KINDS))
+    data = bytearray(files[one["file"]])
+    if kind == "flipped bits":
+        for at in random.integers(len(data), size=20):
+            data[at] ^= 1 << int(random.integers(8))
+    elif kind == "cut":
+        data = data[: int(random.integers(len(data)))]
+    elif kind == "longer":
+        data += random.bytes(1 << int(random.integers(20)))
+    elif kind == "noise":
+        data = bytearray(random.bytes(len(data)))
+    changed[one["file"]] = bytes(data)
+    if kind == "a name":
+        name = NAMES[int(random.integers(len(NAMES)))]
+        next(entry for entry in manifest["sequences"] if entry["file"] == one["file"])["file"] = name
+        changed[name], one["file"] = bytes(data), name
+    elif kind == "a value":
+        one[str(random.choice(["bytes", "sha256", "file"]))] = VALUES[int(random.integers(len(VALUES)))]
+    elif kind == "a file twice":
+        manifest["files"].append(dict(one))
+    elif kind == "no sequence":
+        manifest["files"].append({**one, "file": "evil.py"})
+    elif kind == "no digest":
+        del manifest["files"][number]
+    elif kind == "a name of the dataset":
+        manifest["name"] = str(random.choice(["../x", "/tmp/x", "NUL", "", "a" * 200, ".", "a\nb"]))
+    changed["manifest.json"] = json.dumps(manifest).encode()
     if kind == "a manifest of another kind":
         changed["manifest.json"] = b'{"x": 1}'
-        for one in index["files"]:
-            if one["file"] == "manifest.json":
-                one |= {"bytes": 8, "sha256": sha256(b'{"x": 1}').hexdigest()}
-    changed["index.json"] = json.dumps(index).encode()
+    elif kind == "a manifest of noise":
+        changed["manifest.json"] = random.bytes(500)
     return kind, changed
 
 
-KINDS = ("flipped bits", "cut", "noise", "a flipped header", "gzip", "bzip2", "xz", "a long header",
-         "headers of nonsense", "a sparse file", "links", "a device", "a path outside", "a member twice",
-         "another size", "nothing", "a manifest of another kind")  # fmt: skip
+KINDS = ("nothing", "flipped bits", "cut", "longer", "noise", "a name", "a value", "a file twice", "no digest",
+         "no sequence", "a name of the dataset", "a manifest of another kind", "a manifest of noise")  # fmt: skip
 
 
-def add(tar: tarfile.TarFile, info: tarfile.TarInfo, content: bytes) -> None:
-    info.size = len(content)
-    tar.addfile(info, io.BytesIO(content))
-
-
-def tar_content(data: bytes, name: str) -> bytes:
-    with tarfile.open(fileobj=io.BytesIO(data)) as tar:
-        found = tar.extractfile(name)
-        return found.read() if found else b""
+def _answer(connection: socket.socket, path: str, content: bytes) -> None:
+    _send(connection, f"HTTP/1.1 200 OK\nContent-Length: {len(content)}", content)
 
 
 def attempt(source: str, root: Path, whole: dict[str, bytes]) -> str:
@@ -279,13 +255,13 @@ def attempt(source: str, root: Path, whole: dict[str, bytes]) -> str:
 
 
 def run(count: int, seed: int, say: Callable[[str], None] = print) -> Counter[str]:
-    """Try ``count`` servers and as many archives; return how many were refused, read, and wrong."""
+    """Try ``count`` servers and as many datasets; return how many were refused, read, and wrong."""
     random, totals = np.random.default_rng(seed), Counter[str]()
     server.WAIT_S = 0.1
     with TemporaryDirectory() as temporary:
         base = Path(temporary)
-        files = make_packed(base / "made")
-        whole = {path.name: path.read_bytes() for path in (base / "made/data").rglob("*.h5")}
+        files = make_published(base / "made")
+        whole = {path.name: path.read_bytes() for path in (base / "made").rglob("*.h5")}
         (base / "try").mkdir()
         slow = {name for name, answer in ANSWERS.items() if answer in (_drip, _drip_head, _silence)}
         for number in range(count):
@@ -295,7 +271,7 @@ def run(count: int, seed: int, say: Callable[[str], None] = print) -> Counter[st
                 names = [name for name in ANSWERS if name not in slow or number % 50 == 0]
                 what, only = (
                     str(random.choice(names)),
-                    str(random.choice(["", "index.json", "manifest.json", "test-00000.tar"])),
+                    str(random.choice(["", "manifest.json", "test/b-constant-00.h5", "README.md"])),
                 )
                 with serve(ANSWERS[what], files, only) as address:
                     ended = attempt(address, base / "try", whole)
@@ -303,16 +279,12 @@ def run(count: int, seed: int, say: Callable[[str], None] = print) -> Counter[st
             if ended.startswith("WRONG"):
                 say(f"server, {what!r:.60}: {ended}")
         for _ in range(count):
-            what, changed = hostile_archive(random, files)
-            packed = base / "packed"
-            packed.mkdir()
-            for name, data in changed.items():
-                (packed / name).write_bytes(data)
-            ended = attempt(str(packed), base / "try", whole)
+            what, changed = hostile_dataset(random, files)
+            with serve(_answer, changed, "") as address:
+                ended = attempt(address, base / "try", whole)
             totals[ended[:5] if ended.startswith("WRONG") else ended] += 1
             if ended.startswith("WRONG"):
-                say(f"archive, {what}: {ended}")
-            shutil.rmtree(packed)
+                say(f"dataset, {what}: {ended}")
     return totals
 
 

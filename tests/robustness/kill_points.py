@@ -1,6 +1,6 @@
 """Stop every writing command at every change of the disk: python tests/robustness/kill_points.py
 
-Each command (generate, evaluate, tune, leaderboard, import, export, pack) is run over the output of an earlier run, and
+Each command (generate, evaluate, tune, leaderboard, import, export) is run over the output of an earlier run, and
 stopped by SIGKILL, SIGTERM and SIGINT just before and just after each of its calls of fsync, rename, unlink and rmdir,
 each time in a fresh copy of its folder. Then
 
@@ -57,7 +57,6 @@ LOADED = {
     "tune": ("saf_gen.leaderboard.tuning", "saf_gen.plugins.searches", "scipy.signal"),
     "import": ("saf_gen.stream.interop",),
     "export": ("saf_gen.stream.interop",),
-    "pack": ("saf_gen.stream.sharing",),
     "leaderboard": ("scipy.signal",),
     "evaluate": ("scipy.signal",),
 }
@@ -70,14 +69,13 @@ class Writer:
     """A command that is run in a separate folder, its output, and how the output is read.
 
     ``state`` returns the content of the output, or None if there is no output; it raises BadInput if the output is
-    damaged. A command that writes ``only_once`` refuses to run again if its output exists.
+    damaged.
     """
 
     name: str
     arguments: tuple[str, ...]
     out: str
     state: Callable[[Path], Any]
-    only_once: bool = False
 
 
 def state_of_stream(path: Path) -> Any:
@@ -116,7 +114,6 @@ TRY = ("--method", "sd+argmax", "--try", "search.window=100,200")
 WRITERS = (
     Writer("export", ("export", "wide.h5", "--out", "out.dat", "--layout", "dense"), "out.dat", state_of_bytes),
     Writer("import", ("import", "frames.npy", "--out", "out.h5"), "out.h5", state_of_stream),
-    Writer("pack", ("pack", "data", "--out", "out", "--licence", "CC0-1.0"), "out", state_of_bytes, only_once=True),
     Writer("tune", ("tune", "data", *TRY, "--out", "out.json"), "out.json", state_of_tuned),
     Writer("generate", ("generate", "small.yaml", "--out", "out", "--variant", "scalar"), "out", state_of_dataset),
     Writer("leaderboard", ("leaderboard", "one", "two", "--out", "out"), "out", state_of_records),
@@ -255,17 +252,15 @@ def check_point(
     if code != expected:
         yield "not stopped", f"exit code {code}, not {expected}: {messages[-300:]}"
     yield from check_words(messages, stopped=stop[2] != signal.SIGKILL)
-    state = None
     try:
         if (state := writer.state(out)) not in (before, whole):
             yield "lost", f"neither the earlier output nor the new one: {str(state)[:200]}"
     except BadInput as error:
         yield "lost", str(error)
-    if not (writer.only_once and state == whole):
-        code, messages, _ = machine.run(writer)
-        if code:
-            yield "not done again", f"exit code {code}: {messages[-300:]}"
-        yield from check_words(messages, stopped=False)
+    code, messages, _ = machine.run(writer)
+    if code:
+        yield "not done again", f"exit code {code}: {messages[-300:]}"
+    yield from check_words(messages, stopped=False)
     try:
         if writer.state(out) != whole:
             yield "differs", "the output of the next run is another"

@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from folder_server import serve
 from PIL import Image
 from planted_recordings import fire, make_picture
 from refusals import refusal
@@ -127,13 +128,13 @@ def test_an_imported_mask_has_its_first_row_on_top(call, tmp_path, flip):
     assert f"{BAD.sum()} bad pixels ({BAD.mean():.2%})" in call("inspect", tmp_path / "a.h5")[1]
 
 
-def test_a_dataset_keeps_its_masks_when_it_is_packed_and_verify_shows_them(call, tmp_path):
+def test_a_dataset_keeps_its_masks_when_it_is_fetched_and_verify_shows_them(call, tmp_path):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", BAD)
     call("import", tmp_path / "a.npy", "--out", tmp_path / "set/desk-lamp-00.h5", "--mask", tmp_path / "bad.npy")
     call("dataset", "index", tmp_path / "set")
-    assert call("pack", tmp_path / "set", "--out", tmp_path / "packed", "--licence", "CC0-1.0")[0] == 0
-    assert call("fetch", tmp_path / "packed", "--out", tmp_path / "fetched")[0] == 0
+    with serve(tmp_path / "set") as (_, address):
+        assert call("fetch", address, "--out", tmp_path / "fetched")[0] == 0
     code, out, _ = call("verify", tmp_path / "fetched")
     assert code == 0
     assert f"desk-lamp-00: mask: {BAD.sum()} bad pixels" in out

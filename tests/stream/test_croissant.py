@@ -14,13 +14,13 @@ from saf_gen.stream.sharing.croissant import (
     DatasetFacts,
     croissant_of,
     front_matter,
-    point_to_shards,
     read_licences,
     write_croissant,
 )
 
 ENTRY = replace(windowed_dataset.ENTRY, id="a-constant-00", file="train/a-constant-00.h5", seed=2**63)
 MANIFEST = Manifest("my data", "0123", "llvm", (ENTRY, replace(ENTRY, id="b", split="test", file="test/b.h5")))
+DIGESTS = {"manifest.json": "0" * 64, "sequences.csv": "1" * 64}
 FACTS = DatasetFacts("Recordings.", ["Apache-2.0", "CC-BY-4.0"], responsible=SYNTHETIC)
 
 
@@ -38,9 +38,11 @@ def test_the_card_has_the_fields_of_croissant_and_of_its_responsible_part(card):
     assert card["license"] == ["https://spdx.org/licenses/Apache-2.0", "https://spdx.org/licenses/CC-BY-4.0"]
 
 
-def test_files_are_the_manifest_with_its_digest_and_the_streams_of_every_split(card, tmp_path):
-    manifest, streams = card["distribution"]
-    assert manifest["sha256"] == sha256((tmp_path / "manifest.json").read_bytes()).hexdigest()
+def test_files_are_manifest_and_table_with_their_digests_and_the_streams_of_every_split(card, tmp_path):
+    *listed, streams = card["distribution"]
+    assert [file["contentUrl"] for file in listed] == ["manifest.json", "sequences.csv"]
+    for file in listed:
+        assert file["sha256"] == sha256((tmp_path / file["contentUrl"]).read_bytes()).hexdigest()
     assert streams["includes"] == ["train/*.h5", "test/*.h5"]
     assert all(any((tmp_path / entry.file).match(one) for one in streams["includes"]) for entry in MANIFEST.sequences)
 
@@ -62,8 +64,23 @@ def test_a_card_that_is_written_again_keeps_its_date(card, tmp_path):
     assert json.loads(path.read_text()) == card | {"datePublished": "2001-02-03"}
 
 
+def test_a_card_that_is_written_again_keeps_what_its_publisher_added(card, tmp_path):
+    """A stated licence is that of the scenes; the publisher's stands only where there is none."""
+    path, added = tmp_path / "croissant.json", {"url": "https://example.org", "creator": {"name": "Somebody"}}
+    path.write_text(json.dumps(card | added | {"license": ["mine"], "description": "mine"}))
+    write_croissant(tmp_path, MANIFEST, facts=FACTS)
+    assert json.loads(path.read_text()) == card | added
+    path.write_text(json.dumps(card | {"license": ["mine"]}))
+    write_croissant(tmp_path, MANIFEST, facts=replace(FACTS, licences=[]))
+    assert json.loads(path.read_text())["license"] == ["mine"]
+    for broken in ("x", "[]", "3"):
+        path.write_text(broken)
+        write_croissant(tmp_path, MANIFEST, facts=FACTS)
+        assert json.loads(path.read_text())["license"] == card["license"]
+
+
 def test_the_front_matter_leads_to_the_files_of_each_split():
-    _, matter, rest = front_matter(MANIFEST, ["CC-BY-4.0"], pattern="{split}/*.h5").split("---\n")
+    _, matter, rest = front_matter(MANIFEST, ["CC-BY-4.0"]).split("---\n")
     found = yaml.safe_load(matter)
     assert found["license"] == ["cc-by-4.0"]
     (config,) = found["configs"]
@@ -86,18 +103,18 @@ def test_the_licence_is_that_of_every_scene_or_unknown(expressions, names):
 
 
 def test_a_card_without_a_licence_says_that_it_is_unknown():
-    assert "license" not in croissant_of(MANIFEST, replace(FACTS, licences=[]), digest="0")
-    assert 'license: "unknown"\n' in front_matter(MANIFEST, [], pattern="{split}/*.h5")
+    assert "license" not in croissant_of(MANIFEST, replace(FACTS, licences=[]), digests=DIGESTS)
+    assert 'license: "unknown"\n' in front_matter(MANIFEST, [])
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # from the dependencies of mlcroissant
-@pytest.mark.parametrize("shards", [{}, {"train-00000.tar": "0" * 64, "test-00000.tar": "1" * 64}])
-def test_mlcroissant_accepts_the_card_without_a_word(card, tmp_path, caplog, shards):
+def test_mlcroissant_accepts_the_card_without_a_word(card, tmp_path, caplog):
     mlcroissant = pytest.importorskip("mlcroissant", reason="pip install mlcroissant (90 MB)")
     facts = replace(FACTS, url="https://example.org", creator="Somebody", published="2026-01-01")
-    described = croissant_of(MANIFEST, facts, digest=card["distribution"][0]["sha256"])
+    digests = {file["name"]: file["sha256"] for file in card["distribution"][:2]}
+    described = croissant_of(MANIFEST, facts, digests=digests)
     path = tmp_path / "croissant.json"
-    path.write_text(json.dumps(point_to_shards(described, shards) if shards else described))
+    path.write_text(json.dumps(described))
     dataset = mlcroissant.Dataset(jsonld=path)
     issues = dataset.metadata.ctx.issues
     assert (issues.errors, issues.warnings) == (set(), set())

@@ -7,6 +7,7 @@ import shlex
 
 import numpy as np
 import pytest
+from folder_server import serve
 from refusals import assert_says, refusal
 
 from saf_gen.stream import stream_file
@@ -58,16 +59,16 @@ def test_names_with_dots_and_blanks_survive_every_export(tmp_path, call, folder)
         write_stream(tmp_path / folder / f"{name}.h5", spikes, focus_position=lens)
     steps = [
         ("dataset", "index", tmp_path / folder),
-        ("pack", tmp_path / folder, "--licence", "CC0-1.0", "--creator", "me", "--out", tmp_path / "packed.v1"),
-        ("fetch", tmp_path / "packed.v1", "--out", tmp_path / "fetched.v1"),
+        ("fetch", "ADDRESS", "--out", tmp_path / "fetched.v1"),
         ("verify", tmp_path / "fetched.v1"),
         ("evaluate", tmp_path / "fetched.v1", "--method", "sd+argmax:window=8", "--out", tmp_path / "ranked.v1"),
         ("export", tmp_path / "fetched.v1" / "test/run.v1.5.h5", "--out", tmp_path / "raw.v1.5"),
         ("view", tmp_path / "fetched.v1" / "test/run.v1.5.h5", "--as", "tfp", "--out", tmp_path / "run.v1.5.png"),
     ]
-    for step in steps:
-        code, _, err = call(*step)
-        assert code == 0, err
+    with serve(tmp_path / folder) as (_, address):
+        for step in steps:
+            code, _, err = call(*(address if word == "ADDRESS" else word for word in step))
+            assert code == 0, err
     for name in names:
         assert (tmp_path / "fetched.v1" / f"{name}.h5").read_bytes() == (tmp_path / folder / f"{name}.h5").read_bytes()
     records = (tmp_path / "ranked.v1" / "records.jsonl").read_text().splitlines()

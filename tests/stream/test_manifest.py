@@ -1,13 +1,22 @@
 """The manifest: a round trip, and a clear error of one line for everything that can be wrong with it."""
 
+import csv
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
+from saf_gen.stream.manifest import (
+    MANIFEST_NAME,
+    TABLE_NAME,
+    Manifest,
+    SequenceEntry,
+    read_manifest,
+    verify_entry,
+    write_manifest,
+)
 from saf_gen.stream.stream_writer import write_stream
 
 ENTRY = SequenceEntry(
@@ -30,7 +39,9 @@ def changed(folder, change):
 def test_a_manifest_comes_back_as_it_was_written(tmp_path):
     write_manifest(tmp_path / "new", MANIFEST_)
     assert read_manifest(tmp_path / "new") == MANIFEST_
-    assert [p.name for p in (tmp_path / "new").iterdir()] == [MANIFEST_NAME]
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == [MANIFEST_NAME, TABLE_NAME]
+    rows = list(csv.DictReader((tmp_path / "new" / TABLE_NAME).read_text(encoding="utf-8").splitlines()))
+    assert rows == [{key: str(value) for key, value in asdict(entry).items()} for entry in MANIFEST_.sequences]
 
 
 def test_a_flipped_bit_is_found_and_an_older_manifest_is_read(tmp_path):

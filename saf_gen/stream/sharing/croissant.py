@@ -9,18 +9,22 @@ records.
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from saf_gen.core.config.json_document import read_json
 from saf_gen.core.files import file_sha256, write_text
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry
+from saf_gen.stream.manifest import MANIFEST_NAME, TABLE_NAME, Manifest, SequenceEntry
 
 CARD_NAME = "croissant.json"
 SPECIFICATIONS = ("http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0")
 KEYWORDS = ("spike camera", "autofocus", "neuromorphic", "focus measure")
+PUBLISHED = ("datePublished", "license", "url", "creator")
+"""Keys of the card that only its publisher knows."""
 LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
 CONTEXT = {
     "@language": "en",
@@ -114,8 +118,8 @@ class DatasetFacts:
     responsible: Mapping[str, str] = field(default_factory=dict)
 
 
-def croissant_of(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dict[str, Any]:
-    """Return the Croissant description of a dataset folder, as JSON-LD; ``digest`` is the SHA-256 of its manifest file.
+def croissant_of(manifest: Manifest, facts: DatasetFacts, *, digests: Mapping[str, str]) -> dict[str, Any]:
+    """Return the Croissant description of a dataset folder, as JSON-LD; ``digests`` are those of manifest and table.
 
     Raises BadInput if a licence is not an SPDX name.
     """
@@ -139,39 +143,33 @@ def croissant_of(manifest: Manifest, facts: DatasetFacts, *, digest: str) -> dic
         "citeAs": f"@misc{{{name}, {title}, note = {{{made}; made with saf\\_gen}}}}",
         **facts.responsible,
         "distribution": [
-            _file(MANIFEST_NAME, "application/json", digest=digest),
+            _file(MANIFEST_NAME, "application/json", digest=digests[MANIFEST_NAME]),
+            _file(TABLE_NAME, "text/csv", digest=digests[TABLE_NAME]),
             _file_set("streams", "application/x-hdf5", includes=[f"{folder}/*.h5" for folder in _folders(manifest)]),
         ],
         "recordSet": [_split_records(splits), _sequence_records()],
     }
 
 
-def point_to_shards(card: dict[str, Any], shards: Mapping[str, str]) -> dict[str, Any]:
-    """Return a description whose files are in tar shards; ``shards`` maps the names of the shards to their SHA-256."""
-    files = [one for one in card["distribution"] if one["@type"] == "cr:FileObject" and one["@id"] == MANIFEST_NAME]
-    files += [_file(name, "application/x-tar", digest=digest) for name, digest in shards.items()]
-    for one in card["distribution"]:
-        if one["@type"] == "cr:FileSet":
-            files.append({**one, "containedIn": [{"@id": name} for name in shards]})
-    return {**card, "distribution": files}
-
-
 def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
-    """Write ``croissant.json`` into a dataset folder next to its manifest; the date of an earlier card is kept."""
+    """Write ``croissant.json`` into a dataset folder next to its manifest.
+
+    What an earlier card states of the publication stays: its date, and the licence, address and creator if ``facts``
+    have none, because its publisher added them.
+    """
     path = folder / CARD_NAME
-    digest = file_sha256(folder / MANIFEST_NAME)
-    card = croissant_of(manifest, facts, digest=digest)
+    digests = {name: file_sha256(folder / name) for name in (MANIFEST_NAME, TABLE_NAME)}
+    card = croissant_of(manifest, facts, digests=digests)
     if path.is_file():
-        found = re.search(r'"datePublished": "(\d{4}-\d\d-\d\d)"', path.read_text(encoding="utf-8", errors="replace"))
-        card["datePublished"] = found[1] if found else card["datePublished"]
+        with suppress(BadInput):  # a card that is broken is written anew
+            earlier = read_json(path).data
+            added = {key: earlier[key] for key in PUBLISHED if key in earlier} if isinstance(earlier, dict) else {}
+            card = added | card | {key: added[key] for key in PUBLISHED[:1] if key in added}
     write_text(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
 
 
-def front_matter(manifest: Manifest, licences: Sequence[str], *, pattern: str) -> str:
-    """Return the first lines of README.md, which the Hugging Face Hub reads, with a configuration of all splits.
-
-    ``pattern`` is the path of the files of a split, containing {split}.
-    """
+def front_matter(manifest: Manifest, licences: Sequence[str]) -> str:
+    """Return the first lines of README.md, which the Hugging Face Hub reads, with a configuration of all splits."""
     count = len(manifest.sequences)
     sizes = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"))
     matter: dict[str, Any] = {
@@ -183,7 +181,7 @@ def front_matter(manifest: Manifest, licences: Sequence[str], *, pattern: str) -
         "size_categories": [next((name for limit, name in sizes if count < limit), "100K<n<1M")],
     }
     if manifest.splits:
-        files = [{"split": split, "path": pattern.format(split=split)} for split in manifest.splits]
+        files = [{"split": split, "path": f"{split}/*.h5"} for split in manifest.splits]
         matter["configs"] = [{"config_name": "default", "data_files": files}]
     lines = [f"{key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in matter.items()]  # JSON is YAML
     return f"---\n{''.join(lines)}---\n"

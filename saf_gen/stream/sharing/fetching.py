@@ -1,111 +1,60 @@
-"""Fetching of a packed dataset; only files with the size and SHA-256 in its index are accepted."""
+"""Fetching of a published dataset folder; only files with the size and SHA-256 in its manifest are accepted."""
 
+import re
 import shutil
-import tarfile
+import unicodedata
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from hashlib import sha256
-from pathlib import Path
-from typing import IO, Protocol
+from pathlib import Path, PurePosixPath
 
-from saf_gen.core.config.document import check_plain_file
-from saf_gen.core.files import check_writable, file_sha256, free_disk_bytes, refuse_link, unwritable
+from saf_gen.core.files import atomic_file, check_writable, file_sha256, free_disk_bytes, refuse_link, unwritable
 from saf_gen.errors import BadInput
-from saf_gen.stream.manifest import MANIFEST_NAME, parse_manifest
-from saf_gen.stream.sharing.packing import INDEX_NAME, MAX_INDEX_BYTES, PackedFile, Shard, ShardIndex, parse_shard_index
+from saf_gen.stream.manifest import (
+    MANIFEST_NAME,
+    TABLE_NAME,
+    Manifest,
+    PublishedFile,
+    is_own_file,
+    parse_manifest,
+    write_table,
+)
+from saf_gen.stream.sharing.croissant import CARD_NAME
 
-BLOCK = 1 << 20
-MAX_HEADER_BYTES = 1 << 16
-"""Largest header that a name may have in a tar file; a longer one takes minutes to read."""
-Report = Callable[[int], None]
-Tell = Callable[[str], None]
-UNREADABLE = (tarfile.TarError, ValueError, ArithmeticError, LookupError, TypeError, EOFError, RecursionError)
-"""Exceptions of Python's reader for a damaged or hostile tar file."""
-
-
-class Origin(Protocol):
-    """A packed dataset in a folder or on a server."""
-
-    def name(self, file: str) -> str:
-        """Return the address or path of a file for messages."""
-
-    def read(self, file: str, *, limit: int) -> bytes:
-        """Return the content of a small file; raise BadInput if it is missing or larger than ``limit`` bytes."""
-
-    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
-        """Return the path of a file with the size in the index, which is downloaded to ``parts`` if necessary.
-
-        ``report`` is called with the number of bytes present so far. Raises BadInput if the file cannot be fetched or
-        has another size.
-        """
-
-
-def find_origin(source: str, tell: Tell = lambda line: None) -> Origin:
-    """Return the origin for the address or path of a folder, or of the index in it.
-
-    ``tell`` is called with a line for the user if a server sends on to another host, or is tried again.
-    """
-    if "://" not in source:
-        folder = Path(source)
-        return _Folder(folder.parent if folder.name == INDEX_NAME else folder)
-    from saf_gen.stream.sharing.server import Server  # loads httpx
-
-    return Server.at(source.removesuffix(INDEX_NAME), tell)
-
-
-@dataclass(frozen=True)
-class _Folder:
-    folder: Path
-
-    def name(self, file: str) -> str:
-        return str(self.folder / file)
-
-    def read(self, file: str, *, limit: int) -> bytes:
-        path = self.folder / file
-        try:
-            check_plain_file(path, max_bytes=limit)
-            return path.read_bytes()
-        except OSError as error:
-            raise BadInput(
-                f"{self.folder} holds no packed dataset: {file} cannot be read", hint="make one with saf-gen pack"
-            ) from error
-
-    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Report) -> Path:
-        path = self.folder / one.file
-        found = path.stat().st_size if path.is_file() else 0
-        if found != one.bytes:
-            raise BadInput(f"has {found:,} bytes", where=str(path), allowed=f"{one.bytes:,}, as the index states")
-        return path
-
-
+README = "README.md"
+CARDS = (README, CARD_NAME)
+"""Files for people and programs that a publisher may put beside the manifest, and that no digest covers."""
+MAX_MANIFEST_BYTES, MAX_CARD_BYTES = 1 << 26, 1 << 22
+"""Largest sizes that are fetched: 100,000 streams fit in a manifest, and reading it takes a dozen times its memory."""
 PARTS = ".fetch"
-"""Folder for incomplete files, inside the dataset folder; it is removed at the end."""
+"""Folder for the file that is being fetched, inside the dataset folder; it is removed at the end."""
+_NAME = re.compile(r"(?![. ])[^\x00-\x1f\x7f/\\:*?\"<>|]{1,255}(?<![. ])")
+_DEVICE = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9\u00b9\u00b2\u00b3])\s*(\..*)?", re.IGNORECASE)
+"""Names that Windows takes for a device, with any ending."""
 
 
 def fetch_dataset(
     source: str,
     out: str | Path | None = None,
     *,
-    index_sha256: str = "",
+    manifest_sha256: str = "",
     report: Callable[[int, int], None] = lambda done, total: None,
-    tell: Tell = lambda line: None,
-) -> tuple[Path, ShardIndex]:
-    """Fetch a packed dataset from a server or a folder, check it and unpack it.
+    tell: Callable[[str], None] = lambda line: None,
+) -> tuple[Path, Manifest]:
+    """Fetch a dataset folder from a server and check it.
 
-    Files that exist already are kept, and an interrupted download is continued. Each shard is fetched completely and
-    checked before it is opened. Only files that the index lists are unpacked, and each is checked before it gets its
-    name. The manifest is read and compared with the index before anything else is fetched, and written last, because a
-    folder without one is not a dataset.
+    The manifest is read first and written last, because a folder without one is not a dataset. Each stream gets its
+    name once its size and digest are right; streams that are there and right are kept, so that a fetch that was stopped
+    goes on with the next file. Focal stacks are not fetched.
 
     Parameters
     ----------
     source : str
-        Address (http or https) or path of a folder with an index, or of the index itself.
+        Address (http or https) of a dataset folder, or of its manifest.
     out : str or Path, optional
         Dataset folder to write; by default the name of the dataset, in ``datasets/``.
-    index_sha256 : str, optional
-        Required SHA-256 of the index, as its publisher states it; by default any is accepted.
+    manifest_sha256 : str, optional
+        Required SHA-256 of the manifest, as its publisher states it; by default any is accepted.
     report : callable, optional
         Called with the number of bytes present so far and the total number.
     tell : callable, optional
@@ -115,25 +64,47 @@ def fetch_dataset(
     -------
     Path
         The dataset folder.
-    ShardIndex
-        The index.
+    Manifest
+        Its manifest.
 
     Raises
     ------
     BadInput
-        If there is no index, if a digest differs from the one required or listed, if the disk is too full, if the
-        folder contains another dataset or other files, or if the server does not answer.
+        If there is no manifest, if a digest differs from the one required or listed, if a file has a name that is not
+        safe on every system, if the disk is too full, if the folder contains another dataset or other files, or if the
+        server does not answer.
     """
-    origin = find_origin(source, tell)
-    text = origin.read(INDEX_NAME, limit=MAX_INDEX_BYTES)
-    digest, where = sha256(text).hexdigest(), origin.name(INDEX_NAME)
-    if index_sha256 and digest != index_sha256.strip().lower():
-        raise BadInput(f"has the SHA-256 {digest}", where=where, allowed=index_sha256, hint="ask its publisher")
-    index = parse_shard_index(text.decode("utf-8", errors="replace"), where)
-    folder = Path(out) if out is not None else Path("datasets") / index.name
-    _check_folder(folder, index)
+    from saf_gen.stream.sharing.server import Server  # loads httpx
+
+    server = Server.at(source.removesuffix(MANIFEST_NAME), tell)
+    where, text = server.name(MANIFEST_NAME), server.read(MANIFEST_NAME, limit=MAX_MANIFEST_BYTES)
+    if manifest_sha256 and (found := sha256(text).hexdigest()) != manifest_sha256.strip().lower():
+        raise BadInput(f"has the SHA-256 {found}", where=where, allowed=manifest_sha256, hint="ask its publisher")
+    manifest = parse_manifest(text.decode("utf-8", errors="replace"), where)
+    check_fetchable(manifest, where)
+    folder = Path(out) if out is not None else Path("datasets") / manifest.name
+    _check_folder(folder, manifest, text=text)
+    parts, done, total = folder / PARTS, 0, sum(one.bytes for one in manifest.files)
+
+    def report_part(count: int) -> None:
+        report(done + count, total)
+
     try:
-        _fetch_into(folder, index, origin=origin, report=report)
+        refuse_link(parts)
+        parts.mkdir(parents=True, exist_ok=True)
+        for one in manifest.files:
+            if not _is_complete(folder, one):
+                part = parts / f"{one.sha256}.part"
+                server.fetch(one, part, report=report_part)
+                _put(part, one, folder=folder, where=server.name(one.file))
+            done += one.bytes
+            report(done, total)
+        for name in CARDS:
+            if not (folder / name).exists() and (card := server.read(name, limit=MAX_CARD_BYTES, required=False)):
+                _write(folder / name, card)
+        write_table(folder, manifest)
+        _write(folder / MANIFEST_NAME, text)
+        shutil.rmtree(parts, ignore_errors=True)
     except OSError as error:
         raise unwritable(folder, error) from error
     finally:
@@ -141,23 +112,74 @@ def fetch_dataset(
             with suppress(OSError):
                 (folder / PARTS).rmdir()
                 folder.rmdir()
-    return folder, index
+    return folder, manifest
 
 
-def _check_folder(folder: Path, index: ShardIndex) -> None:
+def check_fetchable(manifest: Manifest, where: str) -> None:
+    """Raise BadInput unless a manifest states size and digest of each stream, under names that every system can hold.
+
+    Two names must not be one file where case or the form of accents does not count, nor one of them a folder of the
+    other.
+    """
+    if not is_plain_path(manifest.name) or "/" in manifest.name or len(manifest.name) > 100:  # fetch makes this folder
+        raise BadInput(
+            f"the dataset's name is {manifest.name!r}", where=where, hint="rename it in manifest.json",
+            allowed="up to 100 characters, none of them / \\ : * ? \" < > |, and neither dots nor blanks at the ends",
+        )  # fmt: skip
+    streams, files = {entry.file for entry in manifest.sequences}, [one.file for one in manifest.files]
+    for name in sorted(streams ^ set(files)):
+        problem = "size and SHA-256 of" if name in streams else "as a sequence"
+        raise BadInput(
+            f"does not list {problem} {name!r}", where=where, allowed="files, no links, that the dataset holds",
+            hint="put the file itself there, and write the manifest again",
+        )  # fmt: skip
+    taken: dict[str, str] = {}
+    for name in (MANIFEST_NAME, TABLE_NAME, *CARDS, *files):
+        if not is_plain_path(name):
+            raise BadInput(
+                f"has the file {name!r}", where=where,
+                allowed="a relative path with '/', without .., hidden parts, and names that a system cannot hold",
+            )  # fmt: skip
+        if (other := taken.setdefault(_fold(name), name)) != name or files.count(name) > 1:
+            raise BadInput(f"names {name!r} and {other!r}", where=where, allowed="each file once, on every system")
+    for key, name in taken.items():
+        for above in PurePosixPath(key).parents:
+            if (held := taken.get(str(above))) is not None:
+                raise BadInput(f"has the file {held!r} and the file {name!r} in a folder of that name", where=where)
+
+
+def check_published(folder: Path, manifest: Manifest) -> None:
+    """Raise BadInput if others could not fetch a dataset folder as it is on this disk."""
+    check_fetchable(manifest, str(folder / MANIFEST_NAME))
+    for one in manifest.files:
+        if not _is_complete(folder, one):
+            raise BadInput(
+                "is a link, or has other bytes than its manifest states", where=str(folder / one.file),
+                hint="write the manifest again",
+            )  # fmt: skip
+
+
+def is_plain_path(name: str) -> bool:
+    """Return whether a name is a relative path, without hidden parts, that means the same on every system."""
+    parts = PurePosixPath(name).parts
+    plain = all(_NAME.fullmatch(part) and not _DEVICE.fullmatch(part) for part in parts)
+    return bool(parts) and plain and "/".join(parts) == name
+
+
+def _fold(name: str) -> str:
+    """Return what two names have in common that are one on a file system without case or forms of accents."""
+    return unicodedata.normalize("NFD", unicodedata.normalize("NFD", name).casefold())
+
+
+def _check_folder(folder: Path, manifest: Manifest, *, text: bytes) -> None:
     refuse_link(folder)
     check_writable(folder)
-    manifest = next(one for one in index.files if one.file == MANIFEST_NAME)
-    if (folder / MANIFEST_NAME).exists() and not _is_complete(folder, manifest):
+    held = folder / MANIFEST_NAME
+    if held.exists() and not (is_own_file(folder, MANIFEST_NAME) and held.read_bytes() == text):
         raise BadInput(f"{folder} holds another dataset", hint="give another folder with --out")
-    if (
-        folder.is_dir()
-        and any(folder.iterdir())
-        and not any((folder / name).exists() for name in (MANIFEST_NAME, PARTS))
-    ):
+    if folder.is_dir() and any(folder.iterdir()) and not (held.exists() or (folder / PARTS).exists()):
         raise BadInput(f"{folder} holds other files", hint="give a folder that is empty or new with --out")
-    missing = [one for shard in index.shards for one in shard.members if not (folder / one.file).exists()]
-    needed = sum(one.bytes for one in missing) + max((one.bytes for one in index.shards), default=0) * bool(missing)
+    needed = sum(one.bytes for one in manifest.files if not (folder / one.file).exists())
     free = free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
@@ -166,109 +188,26 @@ def _check_folder(folder: Path, index: ShardIndex) -> None:
         )
 
 
-def _fetch_into(folder: Path, index: ShardIndex, *, origin: Origin, report: Callable[[int, int], None]) -> None:
-    parts, total, done = folder / PARTS, index.total_bytes, 0
-    parts.mkdir(parents=True, exist_ok=True)
-    _check_manifest(index, origin=origin, parts=parts)
-    for shard in index.shards:
-        wanted = {one.file: one for one in shard.members if not _is_complete(folder, one)}
-
-        def report_shard(fetched: int, before: int = done) -> None:
-            report(before + fetched, total)
-
-        if wanted:
-            path = _fetch_checked(shard, origin, parts=parts, report=report_shard)
-            _unpack(path, shard, folder=folder, wanted=wanted)
-            if path.parent == parts:
-                path.unlink()
-        done += shard.bytes
-        report(done, total)
-    for one in sorted(index.files, key=lambda one: one.file == MANIFEST_NAME):
-        if not _is_complete(folder, one):
-            with _fetch_checked(one, origin, parts=parts, report=lambda n: None).open("rb") as file:
-                _write_checked(file, one, folder=folder, where=origin.name(one.file))
-        done += one.bytes
-        report(done, total)
-    shutil.rmtree(parts, ignore_errors=True)
-
-
-def _check_manifest(index: ShardIndex, *, origin: Origin, parts: Path) -> None:
-    """Raise BadInput unless the manifest is that of a dataset, and the index lists each of its streams."""
-    one = next(file for file in index.files if file.file == MANIFEST_NAME)
-    path = _fetch_checked(one, origin, parts=parts, report=lambda n: None)
-    manifest = parse_manifest(path.read_text(encoding="utf-8", errors="replace"), origin.name(one.file))
-    listed = {member.file for shard in index.shards for member in shard.members}
-    missing = [entry.file for entry in manifest.sequences if entry.file not in listed]
-    if missing:
-        raise BadInput(f"lists {missing[0]!r}, which no shard holds", where=origin.name(one.file))
-
-
-def _fetch_checked(one: PackedFile | Shard, origin: Origin, *, parts: Path, report: Report) -> Path:
-    """Return the path of a file that has the digest in the index; a download with another digest is deleted."""
-    path = origin.fetch(one, parts=parts, report=report)
-    if (found := file_sha256(path)) != one.sha256:
-        if path.parent == parts:
-            path.unlink()
-        raise BadInput(
-            f"has the SHA-256 {found:.16}…",
-            where=origin.name(one.file),
-            allowed=f"{one.sha256:.16}…, as the index states",
-            hint="fetch it again; if the error persists, inform its publisher",
-        )
-    return path
-
-
-class _BoundedTarInfo(tarfile.TarInfo):
-    """A member of a tar file whose extended header is small."""
-
-    def _proc_member(self, tar: tarfile.TarFile) -> tarfile.TarInfo:
-        if self.type not in tarfile.REGULAR_TYPES and self.size > MAX_HEADER_BYTES:
-            raise tarfile.HeaderError(f"a header of {self.size:,} bytes")
-        found: tarfile.TarInfo = super()._proc_member(tar)  # type: ignore[misc]
-        return found
-
-
-def _unpack(path: Path, shard: Shard, *, folder: Path, wanted: dict[str, PackedFile]) -> None:
-    """Write the wanted files of a shard; raise BadInput if it contains anything that the index does not list."""
-    known = {one.file: one for one in shard.members}
-    left = set(wanted)
-    try:
-        # Never compressed, so that a small file cannot expand into a large one.
-        with tarfile.open(path, "r:", tarinfo=_BoundedTarInfo) as tar:
-            for info in tar:
-                if not info.isreg() or info.name not in known or info.size != known[info.name].bytes:
-                    raise BadInput(f"holds {info.name!r}, which does not match the index", where=shard.file)
-                if info.name in left:
-                    content = tar.extractfile(info)
-                    if content is None:
-                        raise BadInput(f"{info.name!r} has no content", where=shard.file)
-                    _write_checked(content, wanted[info.name], folder=folder, where=f"{shard.file}: {info.name}")
-                    left.discard(info.name)
-    except UNREADABLE as error:
-        raise BadInput(f"is not a tar file: {error}", where=shard.file, hint="pack the dataset again") from error
-    if left:
-        raise BadInput(f"lacks {sorted(left)[0]!r}, which the index lists", where=shard.file)
-
-
-def _write_checked(content: IO[bytes], one: PackedFile, *, folder: Path, where: str) -> None:
-    """Write a file under its name, but only if it has the size and digest in the index."""
-    part = folder / PARTS / f"{one.sha256}.part"
-    digest, size = sha256(), 0
-    with part.open("wb") as file:
-        while block := content.read(BLOCK):
-            digest.update(block)
-            size += len(block)
-            file.write(block)
-    if (size, digest.hexdigest()) != (one.bytes, one.sha256):
+def _put(part: Path, one: PublishedFile, *, folder: Path, where: str) -> None:
+    """Give a file its name if it has the digest in the manifest and no link leads to that name; otherwise delete it."""
+    if (found := file_sha256(part)) != one.sha256:
         part.unlink()
-        raise BadInput("differs from the index", where=where, allowed=f"{one.bytes:,} bytes, {one.sha256:.16}…")
+        raise BadInput(
+            f"has the SHA-256 {found:.16}…", where=where, allowed=f"{one.sha256:.16}…, as the manifest states",
+            hint="fetch it again; if the error persists, inform its publisher",
+        )  # fmt: skip
     target = folder / one.file
+    for above in [*target.parents][: len(PurePosixPath(one.file).parts) - 1]:
+        refuse_link(above)
     target.parent.mkdir(parents=True, exist_ok=True)
-    if not target.parent.resolve().is_relative_to(folder.resolve()):
-        raise BadInput(f"{target.parent} leads out of {folder}", hint="give another folder with --out")
     part.replace(target)
 
 
-def _is_complete(folder: Path, one: PackedFile) -> bool:
+def _write(path: Path, content: bytes) -> None:
+    with atomic_file(path) as part:
+        part.write_bytes(content)
+
+
+def _is_complete(folder: Path, one: PublishedFile) -> bool:
     path = folder / one.file
-    return path.is_file() and path.stat().st_size == one.bytes and file_sha256(path) == one.sha256
+    return is_own_file(folder, one.file) and path.stat().st_size == one.bytes and file_sha256(path) == one.sha256

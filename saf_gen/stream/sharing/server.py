@@ -13,7 +13,7 @@ from urllib.parse import quote, urlsplit, urlunsplit
 import httpx
 
 from saf_gen.errors import BadInput
-from saf_gen.stream.sharing.packing import PackedFile, Shard
+from saf_gen.stream.manifest import PublishedFile
 
 ATTEMPTS, WAIT_S = 4, 1.0
 TIMEOUT_S = 15.0
@@ -23,6 +23,7 @@ LEAST_RATE, RATE_OVER_S = 1_000, 15.0
 MAX_REDIRECTS = 5
 FAULTS = (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, OSError, ValueError)
 """Exceptions of a connection that fails or breaks off, and of answers that are not HTTP."""
+COPY = "copy a dataset that is on a disk as a folder"
 REDIRECTS = (301, 302, 303, 307, 308)
 
 
@@ -34,9 +35,13 @@ class Refused(Exception):
     """Error for an answer that another attempt will not change."""
 
 
+class Absent(Refused):
+    """Error for a file that the server does not have, or does not give away."""
+
+
 @dataclass(frozen=True)
 class Server:
-    """A packed dataset below an http or https address; ``tell`` is called with lines for the user."""
+    """A dataset folder below an http or https address; ``tell`` is called with lines for the user."""
 
     address: str
     tell: Callable[[str], None]
@@ -49,76 +54,71 @@ class Server:
             httpx.URL(source)
             named = urlsplit(source).hostname
         except FAULTS as error:
-            raise BadInput(
-                f"{source} is no address: {error}", allowed="an http or https address, or a folder"
-            ) from error
-        if query:  # each shard would need a signature of its own
+            raise BadInput(f"{source} is no address: {error}", allowed="an http or https address", hint=COPY) from error
+        if query:  # each file would need a signature of its own
             raise BadInput(f"{source} has a query", allowed="an address without '?', below which all files are found")
         if scheme not in ("http", "https") or not named:
-            raise BadInput(f"{source} cannot be fetched", allowed="an http or https address, or a folder")
+            raise BadInput(f"{source} cannot be fetched", allowed="an http or https address", hint=COPY)
         return cls(urlunsplit((scheme, host, path.rstrip("/"), "", "")), tell)
 
     def name(self, file: str) -> str:
         """Return the address of a file."""
         return f"{self.address}/{quote(file)}"
 
-    def read(self, file: str, *, limit: int) -> bytes:
-        """Return the content of a small file; raise BadInput if it is missing or larger than ``limit`` bytes."""
+    def read(self, file: str, *, limit: int, required: bool = True) -> bytes:
+        """Return the content of a small file, of at most ``limit`` bytes.
+
+        Raises BadInput if it is larger, or cannot be fetched; a file that the server does not have, and that is not
+        required, is empty.
+        """
         where, text = self.name(file), bytearray()
         try:
-            with self._open(where, {}) as answer:
+            with self._open(where) as answer:
                 for block in _read(answer):
                     text += block
                     if len(text) > limit:
                         raise Refused(f"it has more than {limit:,} bytes")
         except (*FAULTS, TooSlow, Refused) as error:
+            if isinstance(error, Absent) and not required:
+                return b""
             raise _unreachable(where, error) from error
         return bytes(text)
 
-    def fetch(self, one: PackedFile | Shard, *, parts: Path, report: Callable[[int], None]) -> Path:
-        """Download a file and return its path; a partial file that an earlier run left is continued.
-
-        Raises BadInput if the file cannot be fetched or has another size.
-        """
-        part, where = parts / f"{one.file}.{one.sha256[:16]}.part", self.name(one.file)
-        broken: Exception = ConnectionError("the connection broke off")
+    def fetch(self, one: PublishedFile, part: Path, *, report: Callable[[int], None]) -> None:
+        """Download a file to ``part``, from its beginning; raise BadInput if that fails or it has another size."""
+        where, broken = self.name(one.file), Exception()
         for attempt in range(ATTEMPTS):
-            have = part.stat().st_size if part.exists() else 0
-            if have == one.bytes and part.exists():
-                return part
             if attempt:
                 wait = WAIT_S * 2 ** (attempt - 1)
                 self.tell(f"{where}: {_reason(broken)}; trying again in {wait:g} s ({attempt + 1} of {ATTEMPTS})")
                 time.sleep(wait)
             try:
-                self._download(one, part, have=have if have < one.bytes else 0, report=report)
-                broken = ConnectionError("the connection broke off")
+                self._download(one, part, report=report)
+                return
             except (TooSlow, Refused) as error:
                 raise _unreachable(where, error) from error
             except FAULTS as error:
                 if isinstance(error, OSError) and error.filename is not None:
                     raise  # of the disk, not of the connection
                 broken = error
-        if part.exists() and part.stat().st_size == one.bytes:
-            return part
         raise _unreachable(where, broken)
 
-    def _download(self, one: PackedFile | Shard, part: Path, *, have: int, report: Callable[[int], None]) -> None:
-        with self._open(self.name(one.file), {"Range": f"bytes={have}-"} if have else {}) as answer:
-            goes_on = answer.status_code == 206 and answer.headers.get("Content-Range", "").startswith(f"bytes {have}-")
-            have = have if goes_on else 0
-            with part.open("ab" if goes_on else "wb") as file:
-                for block in _read(answer):
-                    have += len(block)
-                    if have > one.bytes:
-                        raise Refused(f"it has more than the {one.bytes:,} bytes that the index states")
-                    file.write(block)
-                    report(have)
+    def _download(self, one: PublishedFile, part: Path, *, report: Callable[[int], None]) -> None:
+        have = 0
+        with self._open(self.name(one.file)) as answer, part.open("wb") as file:
+            for block in _read(answer):
+                have += len(block)
+                if have > one.bytes:
+                    raise Refused(f"it has more than the {one.bytes:,} bytes that the manifest states")
+                file.write(block)
+                report(have)
+        if have < one.bytes:
+            raise ConnectionError(f"the connection broke off after {have:,} of {one.bytes:,} bytes")
 
     @contextmanager
-    def _open(self, where: str, headers: dict[str, str]) -> Iterator[httpx.Response]:
+    def _open(self, where: str) -> Iterator[httpx.Response]:
         """Yield the answer for an address, after redirects that are as safe as the address itself."""
-        asked = {"Accept-Encoding": "identity", **headers}
+        asked = {"Accept-Encoding": "identity"}
         with httpx.Client(timeout=TIMEOUT_S, follow_redirects=False) as client:
             for _ in range(MAX_REDIRECTS):
                 with client.stream("GET", where, headers=asked) as answer:
@@ -126,7 +126,7 @@ class Server:
                         if answer.status_code >= 500:
                             raise httpx.HTTPError(f"HTTP {answer.status_code}")
                         if answer.status_code >= 400:
-                            raise Refused(f"HTTP {answer.status_code} {answer.reason_phrase}")
+                            raise Absent(f"HTTP {answer.status_code} {answer.reason_phrase}")
                         yield answer
                         return
                     where = self._follow(where, answer.headers.get("Location", ""))
