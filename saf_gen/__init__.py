@@ -22,8 +22,6 @@ sample
     Return the folder of a small dataset that comes with saf_gen.
 read_leaderboard
     Return the ranking of one or several evaluations, which a notebook shows as a table.
-LiveCamera
-    A spike camera that runs while you turn its lens and lamps.
 """
 
 from importlib import import_module
@@ -49,7 +47,6 @@ _HOMES = {
     "encode": "camera",
     "encode_events": "camera.events",
     "read_leaderboard": "leaderboard",
-    "LiveCamera": "live",
 }
 """Module that defines each public name, relative to ``saf_gen``."""
 

@@ -16,6 +16,7 @@ from saf_gen.core.config.registry import PLUGIN_KINDS
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "saf_gen"
 LAYERS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]["layers"]
+ADDON_COMMANDS = [f"addons.{path.parent.name}.commands" for path in PACKAGE.glob("addons/*/commands.py")]
 IMPORTERS = {
     "mitsuba": ["render"],
     "drjit": ["render"],
@@ -30,8 +31,8 @@ IMPORTERS = {
         "stream.stream_writer",
         "stream.interop.array_files",
     ],
-    "typer": ["cli"],
-    "rich": ["cli"],
+    "typer": ["cli", *ADDON_COMMANDS],
+    "rich": ["cli", *ADDON_COMMANDS],
     "matplotlib": [
         "core.figure_style",
         "stream.pictures",

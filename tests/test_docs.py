@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-import typer
 import yaml
 from pydantic import TypeAdapter
 from small_dataset import HERE, SCENES
@@ -34,7 +33,7 @@ from saf_gen import SpikeWindows
 from saf_gen.benchmark.method_folder import CARD, MethodCard
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.benchmark.records import KEYS_WHERE_KNOWN
-from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, app, main
+from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, main, root_command
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.optics.lens_card import LensCard
@@ -46,7 +45,7 @@ from saf_gen.scene.scene_folder import SceneCard
 ROOT = HERE.parent
 FIRST = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "datasets/README.md")
 PAGES = [p for p in (*(ROOT / n for n in FIRST), *sorted((ROOT / "docs").rglob("*.md"))) if p.exists()]
-COMMAND = typer.main.get_command(app)
+COMMAND = root_command()
 TARGETS = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
 FORMATS = r"saf-gen (stream|dataset|focal stack \d+|record \d+)"  # format names in files
 OPTIONAL = {"torch", "pymmcore_plus"}
@@ -361,14 +360,14 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
         arguments.append("--dry-run")
     if arguments[0] == "scenes" and arguments[1] in ("check", "preview"):
         arguments += ["--sensor", "quarter.yaml"]
-    if arguments[0] == "live" and not Path(folder, arguments[1]).exists():
-        arguments += ["--sensor", "quarter.yaml", "--samples", "1"]
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.chdir(folder)
         patch.setattr("saf_gen.leaderboard.report.charts.DRAWN_SEQUENCES", 1)
-        patch.setattr("saf_gen.cli.live_commands._stay", lambda: None)
-        patch.setattr("webbrowser.open", lambda address: None)
+        if arguments[0] == "live":
+            arguments += [] if Path(arguments[1]).exists() else ["--sensor", "quarter.yaml", "--samples", "1"]
+            patch.setattr("saf_gen.addons.live.commands._stay", lambda: None)
+            patch.setattr("webbrowser.open", lambda address: None)
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         patch.setattr("saf_gen.calibration.fit_files.draw_fit", lambda fit: [])
         patch.setattr("saf_gen.authoring.checks.subject.NEAR_SAMPLES", 4)

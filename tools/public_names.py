@@ -10,10 +10,8 @@ from collections.abc import Iterable, Iterator
 from importlib import import_module
 from typing import Any
 
-import typer
-
 import saf_gen
-from saf_gen.cli import app
+from saf_gen.cli import root_command
 
 PUBLIC = {
     "saf_gen": [name for name in saf_gen.__all__ if not name.startswith("__")],
@@ -27,6 +25,7 @@ PUBLIC = {
     "saf_gen.camera": ["Encoder"],
     "saf_gen.optics.actuators": ["get_actuator", "ActuatedLens"],
     "saf_gen.errors": ["BadInput", "SafGenError"],
+    "saf_gen.addons.live.camera": ["LiveCamera"],
 }
 """Names on which scripts and plug-ins of users may rely, by the module from which to import them."""
 
@@ -69,7 +68,7 @@ def public_python() -> str:
 
 def commands() -> Iterator[tuple[str, Any]]:
     """Yield the name and the click object of every command."""
-    return _walk(typer.main.get_command(app), "saf-gen")
+    return _walk(root_command(), "saf-gen")
 
 
 def _walk(command: Any, name: str) -> Iterator[tuple[str, Any]]:

@@ -121,7 +121,7 @@ def evaluate(
     Returns
     -------
     Evaluation
-        The records, and the data for figures. A sequence of a dataset becomes a failure if its stream cannot be read or
+        The records, and the data for charts. A sequence of a dataset becomes a failure if its stream cannot be read or
         is not the stream that the manifest names; the other sequences are evaluated.
 
     Raises

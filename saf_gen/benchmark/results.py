@@ -1,4 +1,4 @@
-"""Results of an evaluation: records, and the data that figures need in addition."""
+"""Results of an evaluation: records, and the data that charts need in addition."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +11,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.thumbnails import Thumbnails
 
 Drawn = Literal["", "sweep", "pictures"]
-"""Parts of a sequence that figures show: none, its sweep, or its sweep and pictures."""
+"""Parts of a sequence that charts show: none, its sweep, or its sweep and pictures."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class FocusCurve:
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """The data of one recording for figures: lens, light, truth and focus curves."""
+    """The data of one recording for charts: lens, light, truth and focus curves."""
 
     sequence: str
     split: str | None
@@ -52,7 +52,7 @@ class SweepSummary:
 
 @dataclass(frozen=True)
 class LensPath:
-    """The path along which a method moved the lens, for figures."""
+    """The path along which a method moved the lens, for charts."""
 
     method: str
     sequence: str

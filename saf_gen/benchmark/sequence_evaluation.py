@@ -90,7 +90,7 @@ def evaluate_sequence(
     task : SequenceTask
         The sequence.
     groups : mapping of str to sequence of Method
-        Methods by region. Predictions, figures and mean counts belong to the first region.
+        Methods by region. Predictions, charts and mean counts belong to the first region.
     protocol : ClosedLoopProtocol or None
         Protocol of the closed loop; None for the recorded track.
     predictions : PredictionSet or None
@@ -98,7 +98,7 @@ def evaluate_sequence(
     step : callable
         Called with (methods done, what was done).
     draw : str
-        Parts of the sequence that figures show, one of ``Drawn``.
+        Parts of the sequence that charts show, one of ``Drawn``.
 
     Returns
     -------

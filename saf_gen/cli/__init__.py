@@ -1,7 +1,7 @@
 """The command line, which parses arguments, calls the package and prints results.
 
-Each group of commands has its own file. Commands are plain functions, which get their names in this module. Only this
-folder imports typer, and only this folder prints.
+Each group of commands has its own file. Commands are plain functions, which get their names in this module;
+:mod:`saf_gen.cli.addons` finds those of add-ons. Only this folder and the commands of add-ons import typer and print.
 """
 
 import os
@@ -27,7 +27,6 @@ from saf_gen.cli import (
     evaluate_commands,
     leaderboard_commands,
     lens_commands,
-    live_commands,
     machine_commands,
     method_commands,
     recapture_command,
@@ -36,14 +35,15 @@ from saf_gen.cli import (
     sensor_commands,
     stream_commands,
 )
-from saf_gen.cli._examples import help_ending
+from saf_gen.cli._examples import EXAMPLES, help_ending
 from saf_gen.cli._terminal import at_work, err, out, print_error
+from saf_gen.cli.addons import FINISHED_WORK_IS_KEPT, NOTHING_WRITTEN, addon_commands
 from saf_gen.core import cores
 from saf_gen.core.cores import STOPPING, check_address_space
 from saf_gen.core.user_code import describe_exit
 from saf_gen.errors import BadInput, SafGenError
 
-__all__ = ["app", "main", "root_command"]
+__all__ = ["main", "root_command"]
 
 STOPPED_EXIT_CODE = 130
 
@@ -59,7 +59,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "recapture": recapture_command.recapture_command,
     "inspect": stream_commands.inspect_command,
     "view": stream_commands.view_command,
-    "live": live_commands.live_command,
     "verify": dataset_commands.verify_command,
     "pack": dataset_commands.pack_command,
     "fetch": dataset_commands.fetch_command,
@@ -112,17 +111,13 @@ GROUPS_THAT_TAKE_ARGUMENTS = {"leaderboard": "merge"}
 """The command that runs if the arguments of a group do not name one: ``leaderboard A B`` merges A and B."""
 GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_methods_command}
 """The function that runs if a group is given without a command; other groups print their help."""
-NOTHING_WRITTEN = "nothing was written: the same command starts from the beginning"
 STOP_MESSAGES = {
-    **dict.fromkeys(
-        ("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture", "live"),
-        "finished work is kept: run the same command again to continue",
-    ),
+    **dict.fromkeys(("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture"), FINISHED_WORK_IS_KEPT),
     **dict.fromkeys(
         ("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors", "lens"), NOTHING_WRITTEN
     ),
 }
-"""The message for a stopped command, by command or group; commands that write no files have none."""
+"""What a user who stops a command is told, by command or group; commands that write no files have none."""
 
 
 UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "pack", "fetch", "dataset")
@@ -168,16 +163,6 @@ def _hide_type_of_flags(params: list[Any]) -> list[Any]:
     return params
 
 
-app = typer.Typer(
-    help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
-    epilog=help_ending(""),
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    cls=_Group,
-)
-
-
 def _print_version(requested: bool) -> None:
     if requested:
         out.print(f"saf-gen {saf_gen.__version__}")
@@ -189,32 +174,52 @@ Version = Annotated[
 ]
 
 
-@app.callback()
 def _options(*, version: Version = False) -> None:
     pass
 
 
-for name, command in COMMANDS.items():
-    app.command(name, cls=_Command, epilog=help_ending(name))(command)
-for group, (words, commands) in GROUPS.items():
-    under = typer.Typer(
-        help=words,
-        epilog=help_ending(group),
-        no_args_is_help=group not in GROUP_DEFAULTS,
-        invoke_without_command=group in GROUP_DEFAULTS,
-        cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
-    )
-    if group in GROUP_DEFAULTS:
-        under.callback()(GROUP_DEFAULTS[group])
-    for name, command in commands.items():
-        under.command(name, cls=_Command, epilog=help_ending(f"{group} {name}"))(command)
-    app.add_typer(under, name=group)
-
-
 @cache
 def root_command() -> Any:
-    """Return the command that contains all others; cached, because ``app`` would build it again at each call."""
+    """Return the command that contains all others, with those of add-ons; it is built once."""
+    addons = addon_commands()
+    examples = EXAMPLES | {name: command.examples for name, command in addons.items()}
+    app = typer.Typer(
+        help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
+        epilog=help_ending("", examples),
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        cls=_Group,
+    )
+    app.callback()(_options)
+    for name, function in COMMANDS.items():
+        app.command(name, cls=_Command, epilog=help_ending(name, examples))(function)
+    groups = {}
+    for group, (words, functions) in GROUPS.items():
+        groups[group] = typer.Typer(
+            help=words,
+            epilog=help_ending(group, examples),
+            no_args_is_help=group not in GROUP_DEFAULTS,
+            invoke_without_command=group in GROUP_DEFAULTS,
+            cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
+        )
+        if group in GROUP_DEFAULTS:
+            groups[group].callback()(GROUP_DEFAULTS[group])
+        for name, function in functions.items():
+            groups[group].command(name, cls=_Command, epilog=help_ending(f"{group} {name}", examples))(function)
+        app.add_typer(groups[group], name=group)
+    for words, command in addons.items():
+        group, _, name = words.rpartition(" ")
+        parent = groups[group] if group else app
+        ending = help_ending(words, examples)
+        parent.command(name, cls=_Command, epilog=ending, rich_help_panel=command.panel)(command.function)
     return typer.main.get_command(app)
+
+
+def _stop_message(words: list[str]) -> str:
+    """Return the line for a command that was stopped, called by these words; empty for one that writes no files."""
+    messages = STOP_MESSAGES | {name: command.stopped for name, command in addon_commands().items()}
+    return messages.get(" ".join(words)) or messages.get("".join(words[:1])) or ""
 
 
 def _find_exit_code(error: BaseException) -> Any:
@@ -279,9 +284,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
         with at_work(words[0]) if words[:1] and words[0] in UNPACKING else nullcontext():
             code = root_command()(args=argv, standalone_mode=False, prog_name="saf-gen")
         if code == STOPPED_EXIT_CODE:  # typer returns it for Ctrl-C
-            left = STOP_MESSAGES.get(" ".join(words)) or STOP_MESSAGES.get("".join(words[:1]))
             code = stopped[0] if stopped else STOPPED_EXIT_CODE
-            print_error("; ".join(filter(None, ("stopped", left))), code)
+            print_error("; ".join(filter(None, ("stopped", _stop_message(words)))), code)
     except SafGenError as error:
         code = print_error(str(error), error.exit_code)
     except typer.TyperException as error:

@@ -1,6 +1,8 @@
 """Examples at the end of the help of each command; every command has at least one, and a test parses them all."""
 
-EXAMPLES = {
+from collections.abc import Mapping
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
     "": ("generate quickstart", "evaluate datasets/quickstart", "scenes list", "methods show sd"),
     "generate": (
         "generate quickstart",
@@ -46,7 +48,6 @@ EXAMPLES = {
         "view recording.h5 --out sweep.png --measure sd",
         "view recording.h5 --out sweep.html --as tfi --window 200",
     ),
-    "live": ("live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
     "verify": ("verify datasets/quickstart",),
     "pack": (
         "pack datasets/quickstart --out packed",
@@ -78,11 +79,11 @@ EXAMPLES = {
     "methods show": ("methods show sd", "methods show sd_code+sgfs_code:dt=50"),
     "methods check": ("methods check sd+argmax",),
 }
-"""Examples by command, without the word saf-gen; "" is the program itself."""
+"""Examples by command, without the word saf-gen; "" is the program itself. Add-ons bring their own."""
 
 
-def help_ending(command: str) -> str:
+def help_ending(command: str, examples: Mapping[str, tuple[str, ...]]) -> str:
     """Return the end of a help text: the examples of a command, or of a group and the first of each of its commands."""
-    lines = list(EXAMPLES.get(command, ()))
-    lines += [found[0] for name, found in EXAMPLES.items() if command and name.startswith(f"{command} ")]
+    lines = list(examples.get(command, ()))
+    lines += [under[0] for name, under in examples.items() if command and name.startswith(f"{command} ")]
     return "\n".join(["Examples:", *(f"  saf-gen {line}" for line in lines)])

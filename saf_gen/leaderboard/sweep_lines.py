@@ -1,4 +1,4 @@
-"""What a chart on the page and a printed figure of a recording draw alike: axis, truth, curves and answers."""
+"""What a chart of a recording draws: axis, truth, curves and answers."""
 
 from collections.abc import Callable, Mapping, Sequence
 

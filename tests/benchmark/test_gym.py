@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from refusals import assert_says, refusal
-from typer.testing import CliRunner
 from windowed_dataset import make_windowed_dataset
 
 from saf_gen import SpikeWindows
@@ -25,7 +24,6 @@ from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.cli import app
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
@@ -319,10 +317,10 @@ def folders(dataset, tmp_path_factory):
     return searches, policy
 
 
-def test_a_policy_is_in_one_table_with_searches(folders, tmp_path):
+def test_a_policy_is_in_one_table_with_searches(folders, tmp_path, call):
     both = tmp_path / "both"
-    done = CliRunner().invoke(app, ["leaderboard", *map(str, folders), "--out", str(both)])
-    assert done.exit_code == 0, done.output
+    code, _, err = call("leaderboard", *folders, "--out", both)
+    assert code == 0, err
     rows = json.loads((both / "leaderboard.json").read_text())["rows"]
     assert {row["method"] for row in rows} == {"sd+argmax", "sd+golden_section", "visitor"}
 

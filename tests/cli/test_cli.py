@@ -17,13 +17,12 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-import typer
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.benchmark.admission import read_methods
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS
-from saf_gen.cli import _terminal, app, main
+from saf_gen.cli import _terminal, main, root_command
 from saf_gen.cli.dataset_commands import _name_some
 from saf_gen.core.files import atomic_file
 from saf_gen.render import backend
@@ -371,7 +370,7 @@ def test_no_command_at_all_shows_the_help_and_is_no_error(call, words):
 
 def every_command(command=None, words=()):
     """Yield each command and group of the command line, with the words that call it."""
-    command = command or typer.main.get_command(app)
+    command = command or root_command()
     yield list(words), command
     for name, below in getattr(command, "commands", {}).items():
         yield from every_command(below, (*words, name))

@@ -266,7 +266,7 @@ def _read_answer(last: dict[str, Any], *, commanding: bool) -> tuple[Answer, str
 
 
 def _note_scores(scorer: MeteredScorer, last: dict[str, Any]) -> None:
-    """Take over the scores of a guest, for figures."""
+    """Take over the scores of a guest, for charts."""
     try:
         scorer.scores.update({(int(first), int(stop)): float(score) for first, stop, score in last["scores"]})
     except (KeyError, TypeError, ValueError, OverflowError) as error:

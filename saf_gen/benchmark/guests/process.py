@@ -278,7 +278,7 @@ def refusal(error: "BadInput") -> dict[str, Any]:
 
 
 MAX_SCORES = 20_000
-"""Largest number of scores that are sent for figures."""
+"""Largest number of scores that are sent for charts."""
 
 
 def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple[Any, dict[str, Any]]:

@@ -36,7 +36,7 @@ from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recordings import Recording, open_recording
 
 PATH_POINTS = 400
-"""Maximum number of points of a lens path that are kept for figures."""
+"""Maximum number of points of a lens path that are kept for charts."""
 
 
 @dataclass(frozen=True, eq=False)

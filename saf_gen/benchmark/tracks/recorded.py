@@ -65,7 +65,7 @@ def evaluate_recorded(
     predictions: PredictionSet | None = None,
     with_thumbnails: bool = False,
 ) -> tuple[list[Record], SweepSummary]:
-    """Return the records of a sequence, and its data for figures.
+    """Return the records of a sequence, and its data for charts.
 
     A method that raises an exception or gives an invalid answer gets a record, too.
 
@@ -91,7 +91,7 @@ def evaluate_recorded(
     records : list of Record
         Records of all methods, followed by those of all predictions.
     sweep : SweepSummary
-        Data for figures.
+        Data for charts.
 
     Raises
     ------

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_at
 
-from saf_gen.live import LiveCamera
-from saf_gen.live.server import LiveRoom, LiveServer
+from saf_gen.addons.live.camera import LiveCamera
+from saf_gen.addons.live.server import LiveRoom, LiveServer
 
 
 @contextmanager

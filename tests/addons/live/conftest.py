@@ -1,6 +1,6 @@
 import pytest
 
-from saf_gen.live.source import open_capture
+from saf_gen.addons.live.source import open_capture
 
 
 @pytest.fixture(scope="session")

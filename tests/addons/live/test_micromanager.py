@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from saf_gen import get_measure
+from saf_gen.addons.live.camera import LiveCamera
 from saf_gen.core import extras
 from saf_gen.errors import BadInput
-from saf_gen.live import LiveCamera
 
 TRAVEL_UM = 500.0
 
@@ -21,7 +21,7 @@ def camera(still):
 @pytest.fixture
 def core(camera):
     unicore = pytest.importorskip("pymmcore_plus.experimental.unicore", reason="pip install 'saf-gen[micromanager]'")
-    from saf_gen.live.micromanager import load_devices
+    from saf_gen.addons.live.micromanager import load_devices
 
     made = unicore.UniMMCore()
     load_devices(made, camera, travel_um=TRAVEL_UM)
@@ -32,7 +32,7 @@ def core(camera):
 def test_without_the_package_the_extra_is_named(monkeypatch):
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
     with pytest.raises(BadInput, match=r"needs the package pymmcore_plus; pip install 'saf-gen\[micromanager\]'"):
-        extras.require_extra("micromanager", "pymmcore_plus", of="saf_gen.live.micromanager")
+        extras.require_extra("micromanager", "pymmcore_plus", of="saf_gen.addons.live.micromanager")
 
 
 def test_the_devices_pass_the_benchmark_of_the_framework(core):

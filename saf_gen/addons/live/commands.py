@@ -11,6 +11,7 @@ import typer
 from rich.progress import TaskID
 
 from saf_gen.cli._terminal import err, out, progress_bars
+from saf_gen.cli.addons import FINISHED_WORK_IS_KEPT, Command
 
 
 def live_command(
@@ -25,9 +26,9 @@ def live_command(
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open no browser.")] = False,
 ) -> None:
     """Hold a running camera: turn focus and lamps on a page, and see counts, scores and what methods do."""
-    from saf_gen.live.camera import LiveCamera
-    from saf_gen.live.server import LiveRoom, LiveServer
-    from saf_gen.live.source import open_capture
+    from saf_gen.addons.live.camera import LiveCamera
+    from saf_gen.addons.live.server import LiveRoom, LiveServer
+    from saf_gen.addons.live.source import open_capture
 
     with progress_bars() as bars:
         tasks: dict[str, TaskID] = {}
@@ -64,3 +65,12 @@ def _has_screen() -> bool:
     """Return whether a browser can open a window, and not take over the terminal."""
     names = ("DISPLAY", "WAYLAND_DISPLAY")
     return sys.platform in ("win32", "darwin") or any(map(os.environ.get, names))
+
+
+COMMANDS = {
+    "live": Command(
+        live_command,
+        examples=("live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
+        stopped=FINISHED_WORK_IS_KEPT,
+    )
+}

@@ -1,10 +1,10 @@
 """A live camera as devices of Micro-Manager's core in Python (pymmcore-plus), so that a laboratory's code runs on it.
 
->>> import saf_gen  # doctest: +SKIP
 >>> from pymmcore_plus.experimental.unicore import UniMMCore  # doctest: +SKIP
->>> from saf_gen.live.micromanager import load_devices  # doctest: +SKIP
+>>> from saf_gen.addons.live.camera import LiveCamera  # doctest: +SKIP
+>>> from saf_gen.addons.live.micromanager import load_devices  # doctest: +SKIP
 >>> core = UniMMCore()  # doctest: +SKIP
->>> load_devices(core, saf_gen.LiveCamera("datasets/quickstart"))  # doctest: +SKIP
+>>> load_devices(core, LiveCamera("datasets/quickstart"))  # doctest: +SKIP
 >>> core.setPosition(400), core.waitForSystem(), core.snap()  # doctest: +SKIP
 
 Time passes only while an image is exposed, and while the core waits for a device that is busy. This module needs the
@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.addons.live.camera import MAX_GAIN, MAX_READ_FRAMES, LiveCamera
 from saf_gen.core.extras import require_extra
 from saf_gen.errors import BadInput
-from saf_gen.live.camera import MAX_GAIN, MAX_READ_FRAMES, LiveCamera
 
-require_extra("micromanager", "pymmcore_plus", of="saf_gen.live.micromanager")
+require_extra("micromanager", "pymmcore_plus", of="saf_gen.addons.live.micromanager")
 
 from pymmcore_plus.experimental.unicore import GenericDevice, SimpleCameraDevice, StageDevice, UniMMCore  # noqa: E402
 

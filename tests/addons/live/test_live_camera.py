@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import saf_gen
+from saf_gen.addons.live.camera import LiveCamera
+from saf_gen.addons.live.source import open_capture
 from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
 from saf_gen.core.bits import unpack_bits
 from saf_gen.errors import BadInput
-from saf_gen.live import LiveCamera
-from saf_gen.live.source import open_capture
 
 
 def test_its_counts_are_those_of_the_encoder_bit_for_bit(still):
     # A power of two, because the encoder may multiply gain, charge and response in another order.
     capture = replace(still, seed=7, device_seed=7, exposure=2.0 ** round(np.log2(still.exposure)))
-    camera = saf_gen.LiveCamera(capture, region="frame", start=0.5)  # a rendered position
+    camera = LiveCamera(capture, region="frame", start=0.5)  # a rendered position
     source = capture.open_charge_source()
     source.scale = 1.0
     charge = source.charge_image(0, 0.5).sum(axis=0) * np.float32(capture.exposure)
@@ -165,12 +165,12 @@ def test_what_is_not_allowed_is_told_in_one_line(still, call, problem):
 def test_a_scene_is_rendered_once_and_kept(tmp_path, monkeypatch, test_scenes, small_sensor):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     told = []
-    monkeypatch.setattr("saf_gen.live.source.POSITIONS", 5)
+    monkeypatch.setattr("saf_gen.addons.live.source.POSITIONS", 5)
     first = open_capture("plane", sensor=str(small_sensor), samples=1, tell=told.append)
     assert told == [
         f"rendering the focal stack of plane, which is kept in {next((tmp_path / 'saf_gen/live').glob('plane-*/'))}"
     ]
-    monkeypatch.setattr("saf_gen.live.source.run_plan", None)  # nothing is left to do
+    monkeypatch.setattr("saf_gen.addons.live.source.run_plan", None)  # nothing is left to do
     again = open_capture("plane", sensor=str(small_sensor), samples=1, tell=told.append)
     assert len(told) == 1
     assert again.plane_source.digest == first.plane_source.digest

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.addons.live.camera import MAX_READ_FRAMES, REGIONS, LiveCamera
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS
 from saf_gen.camera.bit_cameras import mean_rate
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.live.camera import MAX_READ_FRAMES, REGIONS, LiveCamera
 from saf_gen.plugins.measures import measure_names
 
 MEASURES = ("sd", "gradient_code_n", "mfdct_lee_n")
@@ -312,8 +312,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 def make_page(camera: LiveCamera, nonce: str) -> str:
     """Return the page of a camera, whose script and style the browser runs by their ``nonce``."""
-    package = files("saf_gen")
-    plots = package / "leaderboard" / "report" / "assets" / "uplot"
+    here, plots = files("saf_gen.addons.live"), files("saf_gen") / "leaderboard" / "report" / "assets" / "uplot"
     setup = {
         "lamps": camera.gains,
         "regions": REGIONS,
@@ -330,9 +329,9 @@ def make_page(camera: LiveCamera, nonce: str) -> str:
         "{{plot_style}}": (plots / "uPlot.min.css").read_text(encoding="utf-8"),
         "{{plot_script}}": (plots / "uPlot.iife.min.js").read_text(encoding="utf-8"),
         "{{setup}}": json.dumps(setup).replace("<", "\\u003c"),
-        "{{script}}": (package / "live" / "page.js").read_text(encoding="utf-8"),
+        "{{script}}": (here / "page.js").read_text(encoding="utf-8"),
     }
-    page = (package / "live" / "page.html").read_text(encoding="utf-8")
+    page = (here / "page.html").read_text(encoding="utf-8")
     for name, text in parts.items():
         page = page.replace(name, text)
     return page

@@ -2,7 +2,3 @@
 
 Nothing is rendered while it runs: one traced focal stack serves every position of the lens and every light.
 """
-
-from saf_gen.live.camera import LiveCamera, LiveRun
-
-__all__ = ["LiveCamera", "LiveRun"]

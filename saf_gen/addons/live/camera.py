@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.addons.live.source import SENSOR, open_capture
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -23,7 +24,6 @@ from saf_gen.core import bits
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.core.seeds import derive_seed
 from saf_gen.errors import BadInput, unknown
-from saf_gen.live.source import SENSOR, open_capture
 from saf_gen.optics.actuators import ActuatedLens, get_actuator
 from saf_gen.parts import commands
 from saf_gen.plugins.lights import PRODUCT, build_light, gains_at_readouts
@@ -83,7 +83,7 @@ class LiveCamera:
     ----------
     source : str, Path or Capture
         A dataset folder with focal stacks, one of its streams, or the name of a scene, which is rendered first and
-        kept; see :func:`saf_gen.live.source.open_capture`.
+        kept; see :func:`saf_gen.addons.live.source.open_capture`.
     region : str, default 'target'
         Pixels that are read out: ``target``, the box around the target, or ``frame``.
     actuator : str or Path, default 'voice_coil'
@@ -113,7 +113,7 @@ class LiveCamera:
 
     Examples
     --------
-    >>> camera = saf_gen.LiveCamera("datasets/quickstart")  # doctest: +SKIP
+    >>> camera = LiveCamera("datasets/quickstart")  # doctest: +SKIP
     >>> camera.focus = 0.4  # doctest: +SKIP
     >>> camera.settle()  # doctest: +SKIP
     >>> camera.score("sd", frames=200)  # doctest: +SKIP
