@@ -92,10 +92,11 @@ def _write_empty_sheet(stack, sensor, *, path):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _registered_scenes(tmp_path_factory):
-    """Replace the user's list of registered folders by an empty one, also for commands that tests start."""
+def _folders_of_the_user(tmp_path_factory):
+    """Replace the user's registered folders and kept results by empty ones, also for commands that tests start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
 
 

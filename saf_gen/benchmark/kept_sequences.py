@@ -1,11 +1,12 @@
 """Results of finished sequences, kept until the evaluation is written, so that it can continue after it was killed.
 
-They are kept in a hidden folder next to the evaluation, in files of several sequences each. The files are signed, so
-that results that came with other people's data are never mistaken for this user's work. Nothing in a file is executed.
+They are kept in the user's cache folder, in files of several sequences each, so that results that came with other
+people's data are never mistaken for this user's work. Nothing in a file is executed.
 """
 
 import hashlib
 import json
+import os
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,7 @@ from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.core.files import atomic_file
-from saf_gen.core.user_folder import SIGNATURE_BYTES, is_signed, sign_as_user
+from saf_gen.core.user_folder import cache_folder
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -55,13 +56,24 @@ FORMAT = {
 }
 
 
+def kept_folder(target: Path) -> Path | None:
+    """Return the folder for the results of an unfinished evaluation that will be written to ``target``.
+
+    Returns None if this user has no cache folder, as in some containers.
+    """
+    cache = cache_folder()
+    return (
+        None if cache is None else cache / "unfinished" / hashlib.sha256(os.fsencode(target.resolve())).hexdigest()[:32]
+    )
+
+
 class KeptSequences:
     """The results of the sequences of one evaluation, including those of an earlier run that was stopped.
 
     Parameters
     ----------
     folder : str or Path, optional
-        Folder of the results. Nothing is kept if it is None, or if files cannot be signed.
+        Folder of the results, as kept_folder returns it. Nothing is kept if it is None.
 
     Attributes
     ----------
@@ -176,20 +188,18 @@ def _write(folder: Path, results: Mapping[str, Evaluation]) -> None:
     content = BytesIO()
     np.savez(content, allow_pickle=False, **arrays)
     data = content.getvalue()
-    signature = sign_as_user(data)
-    if signature is not None:
-        with atomic_file(folder / f"{min(results)[:32]}.npz") as part:
-            part.write_bytes(signature + data)
+    with atomic_file(folder / f"{min(results)[:32]}.npz") as part:
+        part.write_bytes(hashlib.sha256(data).digest() + data)
 
 
 def _read(path: Path) -> dict[str, Evaluation]:
-    """Return the results in a file by key; empty if it is damaged, of another format, or not written by this user."""
+    """Return the results in a file by key; empty if it is damaged or of another format."""
     try:
         content = path.read_bytes()
     except OSError:
         return {}
-    signature, data = content[:SIGNATURE_BYTES], content[SIGNATURE_BYTES:]
-    if not is_signed(data, signature):
+    digest, data = content[:32], content[32:]
+    if digest != hashlib.sha256(data).digest():
         return {}
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         document = json.loads(arrays["document"].tobytes())

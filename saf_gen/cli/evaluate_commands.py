@@ -84,7 +84,7 @@ def evaluate_command(
     from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits
-    from saf_gen.benchmark.kept_sequences import KeptSequences
+    from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_on_disk, check_writable, lock_folder
     from saf_gen.leaderboard import rank_methods
@@ -108,7 +108,7 @@ def evaluate_command(
     check_writable(target)
     selection = select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion)
     _print_selection(selection, scene_motion)
-    kept = KeptSequences(target / ".evaluation.unfinished")
+    kept = KeptSequences(kept_folder(target))
     with lock_folder(target):
         with progress_bars() as bars:
             result = run(

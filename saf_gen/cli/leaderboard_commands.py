@@ -144,7 +144,7 @@ def tune_command(
     cluster: ClusterAddress = None,
 ) -> None:
     """Evaluate a method with many values of its constants on a split, and write the best; `@FILE` then names it."""
-    from saf_gen.benchmark.kept_sequences import KeptSequences
+    from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
     from saf_gen.core.files import check_ours, check_writable, write_text
     from saf_gen.leaderboard.tuning import tune as run
@@ -158,7 +158,7 @@ def tune_command(
         values[key] = rest.split(",")
     check_writable(file.parent)
     check_ours(file, TUNING_FORMAT)
-    kept = KeptSequences(file.with_name(f".{file.name}.unfinished"))
+    kept = KeptSequences(kept_folder(file))
     with progress_bars() as bars:
         tuned, rows = run(
             dataset,

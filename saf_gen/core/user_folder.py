@@ -1,15 +1,15 @@
-"""The folder of saf_gen for this user, and a secret that distinguishes this user's files from those of others."""
+"""The folders of saf_gen for this user, and a secret that distinguishes this user's files from those of others."""
 
 import hmac
 import os
 import secrets
+from contextlib import suppress
 from pathlib import Path
 
 from saf_gen.core.files import atomic_file
 from saf_gen.errors import BadInput
 
 _SECRET_BYTES = 32
-SIGNATURE_BYTES = 32
 
 
 def user_folder() -> Path | None:
@@ -17,13 +17,30 @@ def user_folder() -> Path | None:
 
     Returns None for a user without a home folder, such as the arbitrary user of a container.
     """
-    configured = os.environ.get("XDG_CONFIG_HOME", "")
-    base = Path(configured if Path(configured).is_absolute() else os.path.expanduser("~/.config"))  # noqa: PTH111
+    return _folder_in("XDG_CONFIG_HOME", "~/.config")
+
+
+def cache_folder() -> Path | None:
+    """Return the folder ``saf_gen`` in ``$XDG_CACHE_HOME`` or ``~/.cache``, created if it is missing.
+
+    Returns None if this user has none, or cannot write to it, such as the arbitrary user of a container.
+    """
+    folder = _folder_in("XDG_CACHE_HOME", "~/.cache")
+    if folder is None:
+        return None
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder if folder.is_dir() and os.access(folder, os.W_OK) else None
+
+
+def _folder_in(variable: str, default: str) -> Path | None:
+    configured = os.environ.get(variable, "")
+    base = Path(configured if Path(configured).is_absolute() else os.path.expanduser(default))  # noqa: PTH111
     return base / "saf_gen" if base.is_absolute() else None
 
 
 def sign_as_user(data: bytes) -> bytes | None:
-    """Return a signature of the data that only this user can make: SIGNATURE_BYTES bytes, HMAC-SHA-256.
+    """Return a signature of the data that only this user can make: 32 bytes, HMAC-SHA-256.
 
     Returns None if the user's secret can be neither read nor created.
     """

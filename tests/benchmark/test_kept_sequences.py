@@ -13,11 +13,11 @@ from planted_sweeps import write_three_sweeps
 from saf_gen.benchmark import evaluate as module
 from saf_gen.benchmark import kept_sequences
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.kept_sequences import KeptSequences
+from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
 from saf_gen.benchmark.results import Evaluation, LensPath
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.core.user_folder import sign_as_user, user_folder
+from saf_gen.core.user_folder import sign_as_user
 from saf_gen.optics.actuators import get_actuator
 
 METHODS = ["sd+argmax", "er_count+argmax@frame"]
@@ -88,53 +88,52 @@ def change_stream(dataset, _):
     os.utime(dataset / "train" / "one.h5", (1, 1))
 
 
-def change_signature(_, kept):
+def damage(_, kept):
     path = min(kept.iterdir())
     held = bytearray(path.read_bytes())
     held[40] ^= 1
     path.write_bytes(held)
 
 
-def sign_by_another_user(_, kept):
-    for path in [*kept.iterdir(), user_folder() / "secret"]:
-        path.write_bytes(bytes(32) + path.read_bytes()[32:])
-    assert len(sign_as_user(b"")) == 32
-
-
 @pytest.mark.parametrize(
     ("change", "options", "evaluated_again"),
     [
         (change_stream, {}, {"one"}),
-        (change_signature, {}, {"one", "two"}),
-        (sign_by_another_user, {}, {"one", "two"}),
+        (damage, {}, {"one", "two"}),
         (None, {"methods": ["sd+argmax:window=50", METHODS[1]]}, {"one", "two"}),
         (None, {"region": "frame"}, {"one", "two"}),
     ],
 )
-def test_what_is_not_of_the_same_methods_files_and_user_is_evaluated_again(
-    dataset, tmp_path, evaluated, monkeypatch, change, options, evaluated_again
+def test_what_is_damaged_or_not_of_the_same_methods_and_files_is_evaluated_again(
+    dataset, tmp_path, evaluated, change, options, evaluated_again
 ):
     """If one of two files is damaged, the other is still used."""
     copy, kept = tmp_path / "data", tmp_path / "kept"
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     shutil.copytree(dataset, copy)
     stop_after(2, evaluated, evaluate, copy, methods=METHODS, keep=KeptSequences(kept))
     if change is not None:
         change(copy, kept)
     evaluate(copy, **{"methods": METHODS, "keep": KeptSequences(kept)} | options)
-    if change is change_signature:
+    if change is damage:
         assert len(evaluated) == 2
         assert set(evaluated) < {*evaluated_again, "three"}
     else:
         assert set(evaluated) == {*evaluated_again, "three"}
 
 
-def test_without_a_place_for_the_secret_nothing_is_kept(dataset, tmp_path, evaluated, monkeypatch):
+def test_results_are_kept_in_the_users_cache_folder_and_nothing_is_kept_without_one(
+    dataset, tmp_path, evaluated, monkeypatch
+):
+    """Results beside the evaluation might have come with other people's data."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = kept_folder(tmp_path / "out")
+    assert folder != kept_folder(tmp_path / "other")
+    assert folder.is_relative_to(tmp_path / "cache" / "saf_gen")
     (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
-    stop_after(2, evaluated, evaluate, dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
-    assert not (tmp_path / "kept").exists()
-    evaluate(dataset, methods=METHODS, keep=KeptSequences(tmp_path / "kept"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert kept_folder(tmp_path / "out") is None
+    stop_after(2, evaluated, evaluate, dataset, methods=METHODS, keep=KeptSequences(None))
+    evaluate(dataset, methods=METHODS, keep=KeptSequences(None))
     assert evaluated == ["one", "two", "three"]
 
 

@@ -13,7 +13,7 @@ from saf_gen.benchmark import kept_sequences
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.guests import guest
-from saf_gen.benchmark.kept_sequences import KeptSequences
+from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
 from saf_gen.benchmark.method_spec import TunedMethod, format_tuned
 from saf_gen.benchmark.records import READ_LATE, record_to_json
 from saf_gen.core.config import registry
@@ -271,9 +271,10 @@ def test_a_method_that_opens_more_files_than_are_counted_is_evaluated_again(mine
 
 
 def test_the_command_says_that_what_was_kept_is_evaluated_again(mine, dataset, monkeypatch, call, tmp_path):
-    (tmp_path / "out").mkdir()
     stop_in_the_third(monkeypatch, dataset, "mine/")
-    (tmp_path / "kept").rename(tmp_path / "out" / ".evaluation.unfinished")
+    kept = kept_folder(tmp_path / "out")
+    kept.parent.mkdir(exist_ok=True)
+    (tmp_path / "kept").rename(kept)
     write("first.txt", "5")(mine)
     close("mine/")
     code, _, err = call("evaluate", dataset, "-m", "mine/", "--out", "out")
