@@ -94,13 +94,11 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         },
     ),
     "sensors": (
-        "List, show and check sensors, compare them with recordings, and fit one to your camera.",
+        "List, show and check sensors.",
         {
             "list": sensor_commands.list_sensors_command,
             "show": sensor_commands.show_sensor_command,
             "check": sensor_commands.check_sensor_command,
-            "compare": sensor_commands.compare_command,
-            "fit": sensor_commands.fit_command,
         },
     ),
     "leaderboard": (
@@ -129,9 +127,7 @@ STOP_MESSAGES = {
         ("generate", "dataset merge", "fetch", "evaluate", "tune", "leaderboard saf", "recapture"),
         FINISHED_WORK_IS_KEPT,
     ),
-    **dict.fromkeys(
-        ("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors", "lens"), NOTHING_WRITTEN
-    ),
+    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "lens"), NOTHING_WRITTEN),
 }
 """What a user who stops a command is told, by command or group; commands that write no files have none."""
 
