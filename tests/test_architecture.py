@@ -36,7 +36,7 @@ IMPORTERS = {
     "matplotlib": [
         "core.figure_style",
         "stream.pictures",
-        "calibration.fit_files",
+        "addons.calibrate.fit_files",
         "authoring.contact_sheet",
         "authoring.lens_sheet",
     ],

@@ -88,13 +88,11 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
         {"list": recipe_commands.list_recipes_command, "check": recipe_commands.check_recipe_command},
     ),
     "sensors": (
-        "List, show and check sensors, compare them with recordings, and fit one to your camera.",
+        "List, show and check sensors.",
         {
             "list": sensor_commands.list_sensors_command,
             "show": sensor_commands.show_sensor_command,
             "check": sensor_commands.check_sensor_command,
-            "compare": sensor_commands.compare_command,
-            "fit": sensor_commands.fit_command,
         },
     ),
     "leaderboard": (
@@ -112,9 +110,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 """The function that runs if a group is given without a command; other groups print their help."""
 STOP_MESSAGES = {
     **dict.fromkeys(("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture"), FINISHED_WORK_IS_KEPT),
-    **dict.fromkeys(
-        ("leaderboard", "score", "import", "encode", "export", "cut", "view", "sensors", "lens"), NOTHING_WRITTEN
-    ),
+    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "lens"), NOTHING_WRITTEN),
 }
 """What a user who stops a command is told, by command or group; commands that write no files have none."""
 

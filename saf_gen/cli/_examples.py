@@ -64,8 +64,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "sensors list": ("sensors list",),
     "sensors show": ("sensors show vidar_400x250",),
     "sensors check": ("sensors check my_camera.yaml",),
-    "sensors compare": ("sensors compare recording.h5 vidar_400x250", "sensors compare --published vidar_400x250"),
-    "sensors fit": ("sensors fit dim.h5 bright.h5 --dark dark.h5 --name my_camera",),
     "lens fit": (
         "lens fit double_gauss.zmx --height-mm 12",
         "lens fit design.json --out my.yaml --glass BAF7=1.608/46.2",

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from saf_gen.calibration.estimates import Estimate, binomial_interval, normal_estimate
+from saf_gen.addons.calibrate.estimates import Estimate, binomial_interval, normal_estimate
 from saf_gen.errors import BadInput
 
 _MIN_SPIKES = 2.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from saf_gen.calibration.pattern_statistics import (
+from saf_gen.addons.calibrate.pattern_statistics import (
     BANDS,
     band_statistics,
     legendre_fractions,

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from saf_gen.calibration.pattern_statistics import BANDS, DEGREES, PatternStatistics, measure_dark, measure_pattern
-from saf_gen.calibration.recordings import BLOCK_FRAMES, EncodedRecording, Recording
-from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas, measure_spikes, rms_between_halves
+from saf_gen.addons.calibrate.pattern_statistics import BANDS, DEGREES, PatternStatistics, measure_dark, measure_pattern
+from saf_gen.addons.calibrate.recordings import BLOCK_FRAMES, EncodedRecording, Recording
+from saf_gen.addons.calibrate.spike_statistics import SpikeStatistics, flat_areas, measure_spikes, rms_between_halves
 from saf_gen.camera import Sensor, knot_weights
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput

@@ -5,15 +5,15 @@ import pytest
 import synthetic_cameras as cameras
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import dark_probabilities, fit_dark
-from saf_gen.calibration.fit_response import fit_response, infer_saturation
-from saf_gen.calibration.interval_noise import (
+from saf_gen.addons.calibrate.dark_rates import dark_probabilities, fit_dark
+from saf_gen.addons.calibrate.fit_response import fit_response, infer_saturation
+from saf_gen.addons.calibrate.interval_noise import (
     difference_variance,
     fit_interval_noise,
     interpolate_variance,
     phase_oscillation,
 )
-from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
+from saf_gen.addons.calibrate.spike_statistics import SpikeStatistics, measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.camera.counting_law import count_oscillation
 from saf_gen.core.seeds import make_generator

@@ -9,10 +9,10 @@ from refusals import assert_says, refusal
 from scipy import stats
 from scipy.ndimage import gaussian_filter
 
-from saf_gen.calibration.fit_sensor import fit_sensor
-from saf_gen.calibration.flat_checks import light_variation
-from saf_gen.calibration.recordings import EncodedRecording
-from saf_gen.calibration.spike_statistics import measure_spikes
+from saf_gen.addons.calibrate.fit_sensor import fit_sensor
+from saf_gen.addons.calibrate.flat_checks import light_variation
+from saf_gen.addons.calibrate.recordings import EncodedRecording
+from saf_gen.addons.calibrate.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 

@@ -8,9 +8,9 @@ from math import sqrt
 
 import numpy as np
 
-from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.interval_noise import fit_interval_noise
-from saf_gen.calibration.spike_statistics import SpikeStatistics, flat_areas
+from saf_gen.addons.calibrate.estimates import Estimate
+from saf_gen.addons.calibrate.interval_noise import fit_interval_noise
+from saf_gen.addons.calibrate.spike_statistics import SpikeStatistics, flat_areas
 from saf_gen.errors import BadInput
 
 _BLOCK = 8

@@ -9,11 +9,11 @@ import pytest
 import synthetic_cameras as cameras
 
 from saf_gen import write_stream
-from saf_gen.calibration import fit_files
-from saf_gen.calibration.bounds import noise_bounds
-from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.fit_files import fitted_interval, fitted_number
-from saf_gen.calibration.spike_statistics import measure_spikes
+from saf_gen.addons.calibrate import fit_files
+from saf_gen.addons.calibrate.bounds import noise_bounds
+from saf_gen.addons.calibrate.estimates import Estimate
+from saf_gen.addons.calibrate.fit_files import fitted_interval, fitted_number
+from saf_gen.addons.calibrate.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.cli import main
 from saf_gen.stream.stream_file import open_stream

@@ -7,8 +7,8 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.pattern_statistics import ROBUST, split_pattern
-from saf_gen.calibration.spike_statistics import SERIES_FRAMES, SpikeStatistics
+from saf_gen.addons.calibrate.pattern_statistics import ROBUST, split_pattern
+from saf_gen.addons.calibrate.spike_statistics import SERIES_FRAMES, SpikeStatistics
 from saf_gen.camera.fixed_pattern import legendre_basis
 from saf_gen.errors import BadInput
 

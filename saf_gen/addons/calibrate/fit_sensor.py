@@ -10,9 +10,9 @@ from math import floor, inf, sqrt
 import numpy as np
 from scipy.ndimage import median_filter
 
-from saf_gen.calibration.dark_rates import DarkFit, fit_dark
-from saf_gen.calibration.estimates import Estimate, binomial_interval, root_estimate
-from saf_gen.calibration.fit_response import (
+from saf_gen.addons.calibrate.dark_rates import DarkFit, fit_dark
+from saf_gen.addons.calibrate.estimates import Estimate, binomial_interval, root_estimate
+from saf_gen.addons.calibrate.fit_response import (
     DEGREE,
     PatternFit,
     ResponseFit,
@@ -20,10 +20,10 @@ from saf_gen.calibration.fit_response import (
     fit_response,
     infer_saturation,
 )
-from saf_gen.calibration.flat_checks import LightVariation, check_camera, check_flat, check_levels, light_variation
-from saf_gen.calibration.interval_noise import START_NOISE, NoiseOfLevels, combine_noise, fit_interval_noise
-from saf_gen.calibration.recordings import Recording
-from saf_gen.calibration.spike_statistics import SpikeStatistics, measure_spikes
+from saf_gen.addons.calibrate.flat_checks import LightVariation, check_camera, check_flat, check_levels, light_variation
+from saf_gen.addons.calibrate.interval_noise import START_NOISE, NoiseOfLevels, combine_noise, fit_interval_noise
+from saf_gen.addons.calibrate.recordings import Recording
+from saf_gen.addons.calibrate.spike_statistics import SpikeStatistics, measure_spikes
 from saf_gen.camera import Sensor
 from saf_gen.core.config.presets import change_fields
 from saf_gen.errors import BadInput

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from scipy import stats
 
-from saf_gen.calibration.dark_rates import dark_probabilities
-from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.fit_sensor import SensorFit
-from saf_gen.calibration.interval_noise import difference_variance
-from saf_gen.calibration.spike_statistics import LAGS, SERIES_FRAMES
+from saf_gen.addons.calibrate.dark_rates import dark_probabilities
+from saf_gen.addons.calibrate.estimates import Estimate
+from saf_gen.addons.calibrate.fit_sensor import SensorFit
+from saf_gen.addons.calibrate.interval_noise import difference_variance
+from saf_gen.addons.calibrate.spike_statistics import LAGS, SERIES_FRAMES
 from saf_gen.core.figure_style import COLOURS, STYLE, use_plot_style
 from saf_gen.core.files import atomic_file, write_text
 

@@ -18,8 +18,8 @@ from math import inf, sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.calibration.estimates import NORMAL_95, Estimate, root_estimate
-from saf_gen.calibration.spike_statistics import LAGS, SpikeStatistics
+from saf_gen.addons.calibrate.estimates import NORMAL_95, Estimate, root_estimate
+from saf_gen.addons.calibrate.spike_statistics import LAGS, SpikeStatistics
 from saf_gen.camera.counting_law import TERMS, count_oscillation
 
 START_NOISE = 1e-4

@@ -7,9 +7,9 @@ import pytest
 from refusals import assert_says, refusal
 
 from saf_gen import write_stream
-from saf_gen.calibration import spike_statistics as kernel
-from saf_gen.calibration.recordings import EncodedRecording, open_recording
-from saf_gen.calibration.spike_statistics import measure_spikes, rms_between_halves
+from saf_gen.addons.calibrate import spike_statistics as kernel
+from saf_gen.addons.calibrate.recordings import EncodedRecording, open_recording
+from saf_gen.addons.calibrate.spike_statistics import measure_spikes, rms_between_halves
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.stream.interop import export_raw_frames

@@ -18,9 +18,9 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import least_squares
 
-from saf_gen.calibration.estimates import NORMAL_95, Estimate, normal_estimate, root_estimate
-from saf_gen.calibration.pattern_statistics import ROBUST
-from saf_gen.calibration.spike_statistics import SpikeStatistics
+from saf_gen.addons.calibrate.estimates import NORMAL_95, Estimate, normal_estimate, root_estimate
+from saf_gen.addons.calibrate.pattern_statistics import ROBUST
+from saf_gen.addons.calibrate.spike_statistics import SpikeStatistics
 from saf_gen.camera.fixed_pattern import legendre_basis
 
 _NEWTON = 3

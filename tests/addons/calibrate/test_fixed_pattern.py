@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.calibration.pattern_statistics import measure_pattern, split_pattern
+from saf_gen.addons.calibrate.pattern_statistics import measure_pattern, split_pattern
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.camera.fixed_pattern import _draw_profile, draw_fixed_pattern
 from saf_gen.core.seeds import make_generator

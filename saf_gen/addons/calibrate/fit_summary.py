@@ -4,8 +4,8 @@ from math import sqrt
 
 import numpy as np
 
-from saf_gen.calibration.estimates import Estimate
-from saf_gen.calibration.fit_sensor import SensorFit
+from saf_gen.addons.calibrate.estimates import Estimate
+from saf_gen.addons.calibrate.fit_sensor import SensorFit
 from saf_gen.camera import Sensor
 from saf_gen.core.plain_text import plural
 

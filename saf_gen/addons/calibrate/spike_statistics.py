@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from saf_gen.calibration.recordings import BLOCK_FRAMES, Recording
+from saf_gen.addons.calibrate.recordings import BLOCK_FRAMES, Recording
 from saf_gen.core.compiled import compiled
 from saf_gen.core.cores import usable_cores
 from saf_gen.errors import BadInput
