@@ -62,7 +62,6 @@ def test_python_reads_writes_locks_and_trains(folder, code):
         "score ds/test/one.h5 --measure sd --window 100 --out curve.csv",
         "evaluate ds --method sd+argmax --out judged",
         "cut ds/test/one.h5 --from 80 --to 160 --out part.h5",
-        "pack ds --out packed --licence CC-BY-4.0",
         "recipes check quickstart",
         "generate quickstart --dry-run",
     ],

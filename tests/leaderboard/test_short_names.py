@@ -65,4 +65,4 @@ def test_the_page_lists_the_names_beneath_the_table():
     page = build_page(evaluation, rank_methods(evaluation.records), title="t")
     folded = page.partition('<details id="names">')[2].partition("</details>")[0]
     assert "<dt><code>sd</code></dt><dd>spike dispersion</dd>" in folded
-    assert page.index('id="board"') < page.index('id="names"') < page.index('id="compare"')
+    assert page.index('id="board"') < page.index('id="names"') < page.index('id="methods"')

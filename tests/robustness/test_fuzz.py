@@ -12,15 +12,15 @@ SEED = 41
 def test_no_spoiled_input_ends_in_anything_but_one_line(tmp_path, of_each_kind):
     lines = []
     assert fuzz(range(of_each_kind), SEED, folder=tmp_path, tell=lines.append) == []
-    assert lines[-1].startswith(f"{17 * of_each_kind} inputs of 17 kinds, seed {SEED}")
+    assert lines[-1].startswith(f"{16 * of_each_kind} inputs of 16 kinds, seed {SEED}")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("flips", [12, pytest.param(40, marks=pytest.mark.long)])
 def test_no_flipped_bit_is_read_in_silence(flips, monkeypatch, tmp_path):
-    kinds = ["stream", "index of shards", "shard", "focal stack", "note of a focal stack"]
+    kinds = ["stream", "focal stack", "note of a focal stack"]
     monkeypatch.chdir(tmp_path)  # restored afterwards: the flips change the directory
     found = list(flip_kinds(flips, SEED, kinds))
     assert [one["kind"] for one in found] == kinds
     assert all(one["told"] + one["harmless"] == flips for one in found), found
-    assert sum(one["told"] for one in found) > 0.75 * 5 * flips
+    assert sum(one["told"] for one in found) > 0.75 * len(kinds) * flips

@@ -86,11 +86,21 @@ def test_where_an_actuator_moved_the_lens_the_blur_is_that_of_the_lens_not_of_it
         assert stream.blur(0) == pytest.approx(DefocusBlur(MACRO, PITCH, DEPTH.astype(float), lens).at(0))
 
 
-def test_older_streams_take_the_lens_of_the_card_if_it_is_theirs(tmp_path):
-    """The sample was recorded before streams stated their lens."""
-    path = next(saf_gen.sample().rglob("*constant-00.h5"))
-    with saf_gen.open_stream(path) as stream:
-        assert "lens" not in stream.metadata.provenance
+def test_streams_that_do_not_state_their_lens_take_that_of_the_card_if_it_is_theirs(tmp_path):
+    with saf_gen.open_stream(next(saf_gen.sample().rglob("*constant-00.h5"))) as stream:
+        stated = stream.blur(0)
+        provenance = {key: text for key, text in stream.metadata.provenance.items() if key != "lens"}
+        saf_gen.write_stream(
+            tmp_path / "bare.h5",
+            stream.frames(0, stream.shape[0]),
+            focus_position=stream.focus_position,
+            image_distance=stream.metadata.image_distance,
+            object_distance=stream.metadata.object_distance,
+            truth=stream.truth,
+            provenance=provenance,
+        )
+    with saf_gen.open_stream(tmp_path / "bare.h5") as stream:
+        assert stream.blur(0) == pytest.approx(stated, rel=1e-3)
         frame = round(stream.truth.frame)
         target = stream.truth.target
         assert np.abs(stream.blur(frame)[target]).mean() < 0.1
