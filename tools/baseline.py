@@ -29,6 +29,7 @@ import json
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -197,7 +198,7 @@ class Commit:
         # A closed loop of the full-size pictures of events alone would take as long as all else.
         tracks = ["recorded", "closed_loop"][: 1 if name.startswith("quickstart_") else 2]
         for track in tracks if entries else ():
-            methods = choose_methods(listed, camera=camera, track=track, all_forms=all_forms)
+            methods = choose_methods(listed, camera=camera, track=track, all_forms=all_forms and track == "recorded")
             out, options = f"{name}-{track}", LONG.get(name, ()) if track == "closed_loop" else ()
             (self.work / f"{out}.txt").write_text("\n".join(methods), encoding="utf-8")
             options = ("--split", "all", "--track", track, "--methods", f"{out}.txt", "--out", out, *options)
@@ -382,4 +383,5 @@ def main(given: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the command that runs is ended, too
     sys.exit(main())
