@@ -78,13 +78,13 @@ def fetch_dataset(
 
     server = Server.at(source.removesuffix(MANIFEST_NAME), tell)
     where, text = server.name(MANIFEST_NAME), server.read(MANIFEST_NAME, limit=MAX_MANIFEST_BYTES)
-    if manifest_sha256 and (found := sha256(text).hexdigest()) != manifest_sha256.strip().lower():
-        raise BadInput(f"has the SHA-256 {found}", where=where, allowed=manifest_sha256, hint="ask its publisher")
+    if manifest_sha256 and (digest := sha256(text).hexdigest()) != manifest_sha256.strip().lower():
+        raise BadInput(f"has the SHA-256 {digest}", where=where, allowed=manifest_sha256, hint="ask its publisher")
     manifest = parse_manifest(text.decode("utf-8", errors="replace"), where)
     check_fetchable(manifest, where)
     folder = Path(out) if out is not None else Path("datasets") / manifest.name
     _check_folder(folder, manifest, text=text)
-    parts, done, total = folder / PARTS, 0, sum(one.bytes for one in manifest.files)
+    parts, done, total = folder / PARTS, 0, sum(stream.bytes for stream in manifest.files)
 
     def report_part(count: int) -> None:
         report(done + count, total)
@@ -92,12 +92,12 @@ def fetch_dataset(
     try:
         refuse_link(parts)
         parts.mkdir(parents=True, exist_ok=True)
-        for one in manifest.files:
-            if not _is_complete(folder, one):
-                part = parts / f"{one.sha256}.part"
-                server.fetch(one, part, report=report_part)
-                _put(part, one, folder=folder, where=server.name(one.file))
-            done += one.bytes
+        for stream in manifest.files:
+            if not _is_complete(folder, stream):
+                part = parts / f"{stream.sha256}.part"
+                server.fetch(stream, part, report=report_part)
+                _put(part, stream, folder=folder, where=server.name(stream.file))
+            done += stream.bytes
             report(done, total)
         for name in CARDS:
             if not (folder / name).exists() and (card := server.read(name, limit=MAX_CARD_BYTES, required=False)):
@@ -108,7 +108,7 @@ def fetch_dataset(
     except OSError as error:
         raise unwritable(folder, error) from error
     finally:
-        if [one.name for one in folder.glob("*")] == [PARTS]:  # nothing was fetched: leave nothing behind
+        if [path.name for path in folder.glob("*")] == [PARTS]:  # nothing was fetched: leave nothing behind
             with suppress(OSError):
                 (folder / PARTS).rmdir()
                 folder.rmdir()
@@ -126,7 +126,7 @@ def check_fetchable(manifest: Manifest, where: str) -> None:
             f"the dataset's name is {manifest.name!r}", where=where, hint="rename it in manifest.json",
             allowed="up to 100 characters, none of them / \\ : * ? \" < > |, and neither dots nor blanks at the ends",
         )  # fmt: skip
-    streams, files = {entry.file for entry in manifest.sequences}, [one.file for one in manifest.files]
+    streams, files = {entry.file for entry in manifest.sequences}, [stream.file for stream in manifest.files]
     for name in sorted(streams ^ set(files)):
         problem = "size and SHA-256 of" if name in streams else "as a sequence"
         raise BadInput(
@@ -151,10 +151,10 @@ def check_fetchable(manifest: Manifest, where: str) -> None:
 def check_published(folder: Path, manifest: Manifest) -> None:
     """Raise BadInput if others could not fetch a dataset folder as it is on this disk."""
     check_fetchable(manifest, str(folder / MANIFEST_NAME))
-    for one in manifest.files:
-        if not _is_complete(folder, one):
+    for stream in manifest.files:
+        if not _is_complete(folder, stream):
             raise BadInput(
-                "is a link, or has other bytes than its manifest states", where=str(folder / one.file),
+                "is a link, or has other bytes than its manifest states", where=str(folder / stream.file),
                 hint="write the manifest again",
             )  # fmt: skip
 
@@ -179,7 +179,7 @@ def _check_folder(folder: Path, manifest: Manifest, *, text: bytes) -> None:
         raise BadInput(f"{folder} holds another dataset", hint="give another folder with --out")
     if folder.is_dir() and any(folder.iterdir()) and not (held.exists() or (folder / PARTS).exists()):
         raise BadInput(f"{folder} holds other files", hint="give a folder that is empty or new with --out")
-    needed = sum(one.bytes for one in manifest.files if not (folder / one.file).exists())
+    needed = sum(stream.bytes for stream in manifest.files if not (folder / stream.file).exists())
     free = free_disk_bytes(folder)
     if needed > free:
         raise BadInput(
@@ -188,16 +188,16 @@ def _check_folder(folder: Path, manifest: Manifest, *, text: bytes) -> None:
         )
 
 
-def _put(part: Path, one: PublishedFile, *, folder: Path, where: str) -> None:
+def _put(part: Path, stream: PublishedFile, *, folder: Path, where: str) -> None:
     """Give a file its name if it has the digest in the manifest and no link leads to that name; otherwise delete it."""
-    if (found := file_sha256(part)) != one.sha256:
+    if (digest := file_sha256(part)) != stream.sha256:
         part.unlink()
         raise BadInput(
-            f"has the SHA-256 {found:.16}…", where=where, allowed=f"{one.sha256:.16}…, as the manifest states",
+            f"has the SHA-256 {digest:.16}…", where=where, allowed=f"{stream.sha256:.16}…, as the manifest states",
             hint="fetch it again; if the error persists, inform its publisher",
         )  # fmt: skip
-    target = folder / one.file
-    for above in [*target.parents][: len(PurePosixPath(one.file).parts) - 1]:
+    target = folder / stream.file
+    for above in [*target.parents][: len(PurePosixPath(stream.file).parts) - 1]:
         refuse_link(above)
     target.parent.mkdir(parents=True, exist_ok=True)
     part.replace(target)
@@ -208,6 +208,7 @@ def _write(path: Path, content: bytes) -> None:
         part.write_bytes(content)
 
 
-def _is_complete(folder: Path, one: PublishedFile) -> bool:
-    path = folder / one.file
-    return is_own_file(folder, one.file) and path.stat().st_size == one.bytes and file_sha256(path) == one.sha256
+def _is_complete(folder: Path, stream: PublishedFile) -> bool:
+    path = folder / stream.file
+    there = is_own_file(folder, stream.file)
+    return there and path.stat().st_size == stream.bytes and file_sha256(path) == stream.sha256
