@@ -154,7 +154,7 @@ class ClosesAll(Light):
     name: str = "closes all"
 
     def run(self, report):
-        os.closerange(0, 256)
+        os.closerange(0, os.sysconf("SC_OPEN_MAX"))  # the pipe may have a number beyond hundreds of open files
 
 
 @dataclass(frozen=True)
