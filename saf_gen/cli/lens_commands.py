@@ -9,6 +9,7 @@ import typer
 
 from saf_gen.cli._tables import print_facts
 from saf_gen.cli._terminal import out
+from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
@@ -143,3 +144,20 @@ def _print_lens(lens: "FittedLens") -> None:
             f"{lens.relative_illumination[-1][1]:.0%} of that in the middle, told and not used"
         )
     print_facts(facts)
+
+
+COMMANDS = {
+    "lens fit": Command(
+        fit_lens_command,
+        ("lens fit double_gauss.zmx --height-mm 12", "lens fit design.json --out my.yaml --glass BAF7=1.608/46.2"),
+        Panel.SCENES,
+        NOTHING_WRITTEN,
+    ),
+    "lens show": Command(
+        show_lens_command,
+        ("lens show double_gauss", "lens show my_lens.yaml --out my_lens.png"),
+        Panel.SCENES,
+        NOTHING_WRITTEN,
+    ),
+}
+"""The commands of this file, by the words that call them."""

@@ -10,8 +10,9 @@ from rich.text import Text
 
 from saf_gen.cli._tables import print_facts, print_json, print_table
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, print_error, progress_bars
+from saf_gen.cli.command import Command, Panel
 from saf_gen.core.table import Column, Table
-from saf_gen.errors import BadInput, SafGenError
+from saf_gen.errors import BadInput, SafGenError, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.camera import Sensor
@@ -24,10 +25,29 @@ SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or it
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
 
-def list_scenes_command(*, as_json: AsJson = False) -> None:
-    """List the scenes that are found by name."""
-    from saf_gen.scene.scene_folder import find_scene, scene_names
+def list_scenes_command(
+    *,
+    trust: Annotated[
+        Path | None, typer.Option(help="Folder of scenes whose scripts may run from now on; read them first.")
+    ] = None,
+    forget: Annotated[Path | None, typer.Option(help="Folder of scenes to trust no longer.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the scenes that are found by name, or trust the scripts of a folder of scenes first.
 
+    Those that come with saf_gen are trusted, and no others. Scenes in ./scenes are found by name once it is trusted,
+    and replace those of the same name.
+    """
+    from saf_gen.scene.scene_folder import find_scene, scene_names
+    from saf_gen.scene.trusted_folders import forget_folder, register_folder
+
+    for folder, change, words in (
+        (trust, register_folder, "trusted from now on"),
+        (forget, forget_folder, "not trusted"),
+    ):
+        if folder is not None:
+            change(folder)
+            err.print(escape_controls(f"{folder.resolve()}: {words}"), soft_wrap=True, markup=False)
     columns = [
         Column("scene", "id"),
         Column("title", "title", folds=True),
@@ -54,7 +74,7 @@ def new_scene_command(
 ) -> None:
     """Create a scene in ./scenes from a commented template that renders as it is.
 
-    If ./scenes is empty or missing, it is registered as by `saf-gen init`.
+    If ./scenes is empty or missing, it is trusted from then on, as by `saf-gen scenes list --trust scenes`.
     """
     from saf_gen.authoring.template import scene_from_export, scene_from_template
     from saf_gen.scene.scene_folder import scene_roots
@@ -74,9 +94,9 @@ def new_scene_command(
         out.print(line, soft_wrap=True)
     if empty and not trusted:
         register_folder(root)
-        out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)
+        out.print(f"trusted: {root.resolve()}; saf-gen scenes list --forget scenes undoes it", soft_wrap=True)
     elif not trusted:
-        out.print("next: saf-gen init, if you trust the code of all scenes in ./scenes")
+        out.print("next: saf-gen scenes list --trust scenes, if you trust the code of all scenes there")
     out.print(
         f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; then write its licence into scene.yaml"
     )
@@ -240,3 +260,21 @@ def _scene(name: str) -> "Scene":
 
     folder = Path(name)
     return load_scene(folder) if folder.name != name and folder.is_dir() else find_scene(name)
+
+
+COMMANDS = {
+    "scenes list": Command(list_scenes_command, ("scenes list", "scenes list --trust their/scenes"), Panel.SCENES),
+    "scenes show": Command(show_scene_command, ("scenes show camel",), Panel.SCENES),
+    "scenes new": Command(
+        new_scene_command, ("scenes new my_scene", "scenes new my_scene --from exported/scene.xml"), Panel.SCENES
+    ),
+    "scenes check": Command(
+        check_scenes_command, ("scenes check my_scene", "scenes check camel fan --json"), Panel.SCENES
+    ),
+    "scenes preview": Command(
+        preview_command,
+        ("scenes preview my_scene --out sheet.png", "scenes preview camel fan --out sheets"),
+        Panel.SCENES,
+    ),
+}
+"""The commands of this file, by the words that call them."""

@@ -10,6 +10,7 @@ import typer
 
 from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, err, out
+from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
 
@@ -447,7 +448,10 @@ def view_command(
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif and .html.")] = 12.0,
 ) -> None:
-    """Draw pictures of a recording, together with its lens position, light, truth and scores."""
+    """Draw pictures of a recording.
+
+    Its lens position, light, truth and scores are drawn beside them.
+    """
     from saf_gen.benchmark.admission import admit_measure
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
@@ -468,3 +472,48 @@ def view_command(
         )
     size = f"{plural(len(pictures.starts), 'picture')} of {plural(pictures.window, 'frame')}"
     out.print(f"{size}{'' if len(pictures.starts) == 1 else ' each'} in {target}")
+
+
+COMMANDS = {
+    "import": Command(
+        import_command,
+        (
+            "import camera.dat --out recording.h5",
+            "import camera.dat --out recording.h5 --focus lens.csv --truth 0.42",
+            "import spikes.mat --out recording.h5 --key spk --rate 40000",
+            "import camera.raw --out recording.h5 --size 600x400 --bits msb",
+        ),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "export": Command(
+        export_command, ("export recording.h5 --out frames.dat --for spikecv",), Panel.RECORDINGS, NOTHING_WRITTEN
+    ),
+    "encode": Command(
+        encode_command,
+        (
+            "encode frames --out recording.h5 --rate 1000",
+            "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
+        ),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "cut": Command(
+        cut_command,
+        (
+            "cut recording.h5 --from 2000 --to 12000 --out part.h5",
+            "cut recording.h5 --rows 50:200 --columns :300 --out part.h5",
+        ),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "view": Command(
+        view_command,
+        ("view recording.h5 --out sweep.png --measure sd", "view recording.h5 --out sweep.html --as tfi --window 200"),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "inspect": Command(inspect_command, ("inspect recording.h5", "inspect recording.h5 --json"), Panel.RECORDINGS),
+    "dataset index": Command(index_command, ("dataset index recordings",), Panel.RECORDINGS),
+}
+"""The commands of this file, by the words that call them."""

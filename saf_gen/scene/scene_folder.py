@@ -267,11 +267,10 @@ def load_scene(folder: Path) -> Scene:
 
 def _untrusted(folder: Path, problem: str) -> BadInput:
     root = folder.parent
-    trust = f"saf-gen init {root.parent}" if root.name == "scenes" else f"SAF_GEN_SCENES={root}"
     return BadInput(
         problem,
-        allowed="scene.py in a folder that `saf-gen init` registered or SAF_GEN_SCENES names; a path to a scene.xml",
-        hint=f"read its code, and if you trust it: {trust}",
+        allowed="scene.py in a folder that you trust; a path to a scene.xml",
+        hint=f"read its code, and if you trust it: saf-gen scenes list --trust {root}",
     )
 
 
