@@ -135,7 +135,6 @@ def test_scenes(monkeypatch):
 def own_folder(tmp_path, monkeypatch):
     """An empty working directory whose scenes/ is registered."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "scenes").mkdir()
     register_folder(tmp_path / "scenes")
     return tmp_path
 

@@ -41,6 +41,8 @@ def list_scenes_command(
     from saf_gen.scene.scene_folder import find_scene, scene_names
     from saf_gen.scene.trusted_folders import forget_folder, register_folder
 
+    if trust is not None and not trust.is_dir():
+        raise BadInput("is no folder", where=str(trust), allowed="a folder that holds folders of scenes")
     for folder, change, words in (
         (trust, register_folder, "trusted from now on"),
         (forget, forget_folder, "not trusted"),

@@ -46,12 +46,9 @@ def registered_folders() -> list[Path]:
 def register_folder(folder: Path) -> bool:
     """Trust the scenes of a folder from now on, and return False if it was already registered.
 
-    Raises BadInput if it is no folder or its path has a line break, if the list cannot be read or written, or if the
-    user has no home folder.
+    Raises BadInput if the path has a line break, the list cannot be read or written, or the user has no home folder.
     """
     folder, known = folder.resolve(), registered_folders()
-    if not folder.is_dir():
-        raise BadInput("is no folder", where=str(folder), allowed="a folder that holds folders of scenes")
     if len(str(folder).splitlines()) != 1:
         raise BadInput(f"the folder {str(folder)!r} has a line break in its path", hint="rename it")
     if folder not in known:
