@@ -31,7 +31,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "import camera.raw --out recording.h5 --size 600x400 --bits msb",
     ),
     "encode": (
-        "encode frames --out recording.h5 --rate 1000",
+        "encode frames --out recording.h5 --rate 1000 --transfer srgb",
         "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
     ),
     "export": ("export recording.h5 --out frames.dat --for spikecv",),
