@@ -42,6 +42,7 @@ IMPORTERS = {
     ],
     "PIL": ["stream.pictures", "stream.interop.image_pages", "stream.interop.stack_positions", "authoring.meshes"],
     "av": ["stream.interop.video_frames"],
+    "tifffile": ["stream.interop.image_pages"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["core.execution.dask_cluster", "core.execution.dask_connection"],
     "multiprocessing": ["core.execution.executor", "core.execution.worker_pool"],

@@ -265,7 +265,10 @@ def encode_command(
         str | None,
         typer.Option(help="Pictures per second, such as 240 or 24000/1001 (default: the times of the file)."),
     ] = None,
-    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light instead of sRGB.")] = False,
+    transfer: Annotated[
+        str | None, typer.Option(help="How values stand for light, where the file does not say: srgb or bt709.")
+    ] = None,
+    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light.")] = False,
     sensor: Annotated[str, typer.Option(help="Sensor, by name or file; its array gets the size of the pictures.")] = (
         "vidar_400x250"
     ),
@@ -286,7 +289,7 @@ def encode_command(
 
     _check_stream_output(pictures, target)
     rate_hz = None if rate is None else rate_from_text(rate)
-    source = open_pictures(pictures, linear=linear, key=key)
+    source = open_pictures(pictures, linear=linear, transfer=transfer, key=key)
     plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate_hz, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
     lens = None if focus is not None else plan.focus_position
@@ -492,7 +495,7 @@ COMMANDS = {
     "encode": Command(
         encode_command,
         (
-            "encode frames --out recording.h5 --rate 1000",
+            "encode frames --out recording.h5 --rate 1000 --transfer srgb",
             "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
         ),
         Panel.RECORDINGS,
