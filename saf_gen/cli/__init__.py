@@ -26,7 +26,6 @@ from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
     leaderboard_commands,
-    lens_commands,
     machine_commands,
     method_commands,
     recapture_command,
@@ -37,7 +36,7 @@ from saf_gen.cli import (
 )
 from saf_gen.cli._examples import EXAMPLES, help_ending
 from saf_gen.cli._terminal import at_work, err, out, print_error
-from saf_gen.cli.addons import FINISHED_WORK_IS_KEPT, NOTHING_WRITTEN, addon_commands
+from saf_gen.cli.addons import FINISHED_WORK_IS_KEPT, NOTHING_WRITTEN, addon_commands, addon_groups
 from saf_gen.core import cores
 from saf_gen.core.cores import STOPPING, check_address_space
 from saf_gen.core.user_code import describe_exit
@@ -75,10 +74,6 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "preview": scene_commands.preview_command,
         },
     ),
-    "lens": (
-        "Fit real lenses for scene cards, and show what they do.",
-        {"fit": lens_commands.fit_lens_command, "show": lens_commands.show_lens_command},
-    ),
     "dataset": (
         "Make a dataset from existing streams, or from shards in separate folders.",
         {"index": stream_commands.index_command, "merge": dataset_commands.merge_shards_command},
@@ -110,7 +105,7 @@ GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.lis
 """The function that runs if a group is given without a command; other groups print their help."""
 STOP_MESSAGES = {
     **dict.fromkeys(("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture"), FINISHED_WORK_IS_KEPT),
-    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "lens"), NOTHING_WRITTEN),
+    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view"), NOTHING_WRITTEN),
 }
 """What a user who stops a command is told, by command or group; commands that write no files have none."""
 
@@ -190,7 +185,8 @@ def root_command() -> Any:
     for name, function in COMMANDS.items():
         app.command(name, cls=_Command, epilog=help_ending(name, examples))(function)
     groups = {}
-    for group, (words, functions) in GROUPS.items():
+    own: dict[str, Any] = {group: (text, {}) for group, text in addon_groups().items()}
+    for group, (words, functions) in (GROUPS | own).items():
         groups[group] = typer.Typer(
             help=words,
             epilog=help_ending(group, examples),

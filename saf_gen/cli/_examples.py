@@ -64,11 +64,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "sensors list": ("sensors list",),
     "sensors show": ("sensors show vidar_400x250",),
     "sensors check": ("sensors check my_camera.yaml",),
-    "lens fit": (
-        "lens fit double_gauss.zmx --height-mm 12",
-        "lens fit design.json --out my.yaml --glass BAF7=1.608/46.2",
-    ),
-    "lens show": ("lens show double_gauss", "lens show my_lens.yaml --out my_lens.png"),
     "methods": ("methods", "methods --json"),
     "methods show": ("methods show sd", "methods show sd_code+sgfs_code:dt=50"),
     "methods check": ("methods check sd+argmax",),

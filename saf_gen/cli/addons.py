@@ -6,6 +6,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from types import ModuleType
 
 import saf_gen
 
@@ -37,8 +38,18 @@ class Command:
 
 
 @cache
+def _modules() -> list[ModuleType]:
+    names = [module.name for module in iter_modules([str(FOLDER)])]
+    return [import_module(f"saf_gen.addons.{name}.commands") for name in names]
+
+
+@cache
 def addon_commands() -> dict[str, Command]:
     """Return the commands of all add-ons, by the words that call them."""
-    names = [module.name for module in iter_modules([str(FOLDER)])]
-    found = [import_module(f"saf_gen.addons.{name}.commands").COMMANDS for name in names]
-    return {words: command for commands in found for words, command in commands.items()}
+    return {words: command for module in _modules() for words, command in module.COMMANDS.items()}
+
+
+@cache
+def addon_groups() -> dict[str, str]:
+    """Return the groups of commands that add-ons bring, with the help of each."""
+    return {group: text for module in _modules() for group, text in getattr(module, "GROUPS", {}).items()}
