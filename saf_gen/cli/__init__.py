@@ -26,7 +26,6 @@ from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
     leaderboard_commands,
-    lens_commands,
     machine_commands,
     method_commands,
     recapture_command,
@@ -56,7 +55,6 @@ FILES = (
     stream_commands,
     scene_commands,
     sensor_commands,
-    lens_commands,
     machine_commands,
 )
 COMMANDS = {words: command for file in FILES for words, command in file.COMMANDS.items()}
@@ -67,7 +65,6 @@ GROUPS = {
     "dataset": "Make a dataset from existing streams.",
     "scenes": "List, create, check and draw scenes.",
     "sensors": "List, show and check sensors.",
-    "lens": "Fit real lenses for scene cards, and draw them.",
 }
 FIRST_STEPS = ("generate quickstart", "evaluate datasets/quickstart", "scenes list", "methods show sd")
 

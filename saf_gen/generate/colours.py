@@ -15,9 +15,9 @@ from saf_gen.errors import BadInput, located
 from saf_gen.generate.recipe import Recipe
 from saf_gen.optics import AxialColour, FittedLensDrive
 from saf_gen.optics.axial_colour import BAND_NM, stack_margin
+from saf_gen.optics.fitted_file import FittedLens
 from saf_gen.optics.lens_card import LensFile
 from saf_gen.optics.lens_colour import Neglected, band_waves, hats, lens_colour, neglected
-from saf_gen.optics.lens_file.fitted_file import FittedLens
 from saf_gen.plugins.lights import states_spectrum
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.colour import MAX_SCALE_PX, Colour

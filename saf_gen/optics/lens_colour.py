@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from saf_gen.optics.axial_colour import AxialColour, shifted_positions
+from saf_gen.optics.fitted_file import FittedLens
 from saf_gen.optics.fitted_lens_drive import FittedLensDrive
-from saf_gen.optics.lens_file.fitted_file import FittedLens
 from saf_gen.optics.texture_contrast import lens_points
 
 STEP_NM, DIGITS = 10.0, 9
@@ -75,9 +75,9 @@ def lens_colour(lens: FittedLens, drive: FittedLensDrive, *, drawn_nm: float) ->
     waves = np.append(np.arange(low, high - 1e-6, STEP_NM), high)
     a = lens_points(drive.aperture_radius_m)
     v, u = float(drive.image_distance(MIDDLE)), float(drive.object_distance(MIDDLE))
-    fit, along, size = lens.fit, [], float((a[0] ** 2 + a[1] ** 2).sum())
+    along, size = [], float((a[0] ** 2 + a[1] ** 2).sum())
     for nm in (drawn_nm, *waves):
-        slope = fit.at(float(nm)).seen_from(u, v).slope(a, (0.0, 0.0))
+        slope = lens.rays_at(float(nm)).seen_from(u, v).slope(a, (0.0, 0.0))
         along.append(float((a[0] * slope[0] + a[1] * slope[1]).sum()) / size)
     power = 1 - drive.focal_length_m * (np.array(along[1:]) - along[0])
     shifts = np.round(1 / power - 1, DIGITS)
@@ -119,13 +119,13 @@ def neglected(
     assert colour.reference_nm is not None  # lens_colour states it
     drawn, nowhere = tuple(bands_nm) or (colour.reference_nm,), float(waves[0])
     moved = np.array([colour.relative_to(at).shifts(drive, waves, reference_nm=nowhere) for at in drawn])
-    a, fit = lens_points(drive.aperture_radius_m), lens.fit
+    a = lens_points(drive.aperture_radius_m)
     v, u = float(drive.image_distance(MIDDLE)), float(drive.object_distance(MIDDLE))
     depths = 1 / (1 / u + colour.shifts(drive, waves, reference_nm=nowhere))
 
     def met(light: float, position: float, *, depth: float, x: float) -> np.ndarray:
         """Return the slopes of rays of a point, (2, point), that is seen at x by the ray through the middle."""
-        seen = fit.at(float(light)).seen_from(depth, float(drive.image_distance(position)))
+        seen = lens.rays_at(float(light)).seen_from(depth, float(drive.image_distance(position)))
         w = seen.slope(a, (x, 0.0))
         inside = 1 / depth - 1 / float(drive.object_distance(position))
         return np.array([inside * a[0] - x / seen.image_distance_m + w[0], inside * a[1] + w[1]])

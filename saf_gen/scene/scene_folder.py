@@ -21,8 +21,8 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics import Drive
+from saf_gen.optics.fitted_file import shipped_text
 from saf_gen.optics.lens_card import LensCard, LensFile
-from saf_gen.optics.lens_file.fitted_file import shipped_text
 from saf_gen.plugins.lights import check_groups, default_roles
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector

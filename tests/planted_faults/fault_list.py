@@ -511,8 +511,9 @@ FAULTS = {
         "The rays of a lens read from a file start at the point of a perfect entrance pupil.",
         (Change("render.camera_rays", "a + mi.Vector2f(*moved), slope_x + bent[0]", "a, slope_x + bent[0]"),),
         (
-            "render/test_fitted_lenses.py::test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",
-            "render/test_fitted_lenses.py::test_an_edge_is_the_sum_of_traced_rays",
+            "addons/lens_files/test_rendered_lenses.py::"
+            "test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",
+            "addons/lens_files/test_rendered_lenses.py::test_an_edge_is_the_sum_of_traced_rays",
             f"{EACH_LAW}[lens_double_gauss]",
         ),
     ),
@@ -520,16 +521,18 @@ FAULTS = {
         "The slope behind a lens read from a file is taken at the point of the entrance pupil, not of the exit pupil.",
         (Change("optics.fitted_rays", "on * (1 / self.pupil_magnification)", "on"),),
         (
-            "optics/test_lens_files.py::test_rays_of_the_card_land_on_their_pixel_when_traced_through_the_surfaces",
-            "optics/test_lens_files.py::test_the_fit_of_a_shipped_lens_is_within_a_twentieth_of_a_pixel",
-            "optics/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
+            "addons/lens_files/test_lens_files.py::"
+            "test_rays_of_the_card_land_on_their_pixel_when_traced_through_the_surfaces",
+            "addons/lens_files/test_lens_files.py::test_the_fit_of_a_shipped_lens_is_within_a_twentieth_of_a_pixel",
+            "addons/lens_files/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
         ),
     ),
     "colour of a lens file of the other sign": Fault(
         "A lens read from a file focuses blue light where it focuses red.",
         (Change("optics.lens_colour", "1 - drive.focal_length_m *", "1 + drive.focal_length_m *"),),
         (
-            "optics/test_lens_colour.py::test_the_focus_on_the_axis_moves_as_that_of_rays_through_the_surfaces",
+            "addons/lens_files/test_lens_colour.py::"
+            "test_the_focus_on_the_axis_moves_as_that_of_rays_through_the_surfaces",
             "render/test_coloured_pictures.py::"
             "test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavelength",
         ),

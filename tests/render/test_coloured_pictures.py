@@ -10,8 +10,8 @@ from written_scenes import dispersion, load_setup, needs_llvm, render_stack_once
 from saf_gen.camera import get_sensor
 from saf_gen.optics import AxialColour, FocalLengthDrive, ImageDistanceDrive
 from saf_gen.optics.axial_colour import BAND_NM, stack_margin
+from saf_gen.optics.fitted_file import read_lens
 from saf_gen.optics.lens_colour import band_waves, hats, lens_colour
-from saf_gen.optics.lens_file.fitted_file import read_lens
 from saf_gen.render import render_missing
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.stack.colour import Colour
