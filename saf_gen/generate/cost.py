@@ -107,7 +107,7 @@ def start_seconds(spec: StackSpec) -> float:
 
 def load_seconds(spec: StackSpec) -> float:
     """Return the time to show the scene of a time slice once more (s)."""
-    return 0.0 if spec.estimator == WAVES else _cost_of(spec.scene).slice_s / CORES
+    return _cost_of(spec.scene).slice_s / CORES
 
 
 def grain_seconds(stack: TimeResolvedStack) -> float:
