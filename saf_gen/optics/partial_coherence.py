@@ -342,12 +342,12 @@ def _rings(inner: float, outer: float, *, count: int) -> np.ndarray:
 
 def _fold(wave: np.ndarray, length: int, *, axis: int) -> np.ndarray:
     """Return a spectrum of at most ``length`` lines along an axis; its wave is the same at ``length`` even points."""
-    lines = wave.shape[axis]
-    if lines <= length:
+    if wave.shape[axis] <= length:
         return wave
-    head, tail = np.split(wave, [length], axis=axis)
+    head, *tails = np.split(wave, range(length, wave.shape[axis], length), axis=axis)
     head = head.copy()
-    np.moveaxis(head, axis, 0)[: lines - length] += np.moveaxis(tail, axis, 0)
+    for tail in tails:
+        np.moveaxis(head, axis, 0)[: tail.shape[axis]] += np.moveaxis(tail, axis, 0)
     return head
 
 
