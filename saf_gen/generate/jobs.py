@@ -85,24 +85,18 @@ class RenderJob:
                 report(piece, 1.0)
 
         options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend}
-        pieces, bands = list[str](), self.time_stack.bands
         try:
-            for n, specs in enumerate(bands):  # one wavelength after the other
-
-                def of_band(piece: str, done: float, n: int = n) -> None:
-                    progress(piece, (n + done) / len(bands))
-
-                pieces += render_missing(
-                    self.scene,
-                    specs,
-                    **options,
-                    wanted=self.wanted,
-                    geometry_first=self.wanted is not None,
-                    progress=of_band,
-                )
+            pieces = render_missing(
+                self.scene,
+                self.time_stack.specs,
+                **options,
+                wanted=self.wanted,
+                geometry_first=self.wanted is not None,
+                progress=progress,
+            )
             report_done()
             if self.measure_grain:
-                measure_by_repeat(self.scene, self.time_stack.moments, **options, progress=progress)
+                measure_by_repeat(self.scene, self.time_stack.specs, **options, progress=progress)
                 report_done()
             return pieces
         except OSError as error:
@@ -148,7 +142,7 @@ class MeasureGrainJob:
         try:
             measure_by_repeat(
                 self.scene,
-                self.time_stack.moments,
+                self.time_stack.specs,
                 root=self.stacks,
                 backend_name=self.backend,
                 wanted=self.wanted,
@@ -388,7 +382,7 @@ class JobOrder:
         """Return the slices of this shard whose grain is to be measured; none if that cannot be known yet."""
         if self._plan.share is None or not stack.has_geometry(self._stacks):
             return ()
-        mine = [spec for spec in stacks_to_repeat(stack.moments, self._stacks) if spec in self._plan.share.specs]
+        mine = [spec for spec in stacks_to_repeat(stack.specs, self._stacks) if spec in self._plan.share.specs]
         return tuple(spec for spec in mine if read_grain(self._stacks, spec) is None)
 
     def _record_if_whole(self, stack: TimeResolvedStack) -> list[Job]:

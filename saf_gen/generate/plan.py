@@ -201,7 +201,7 @@ class Plan:
         mine = sum(spec in self.share.specs for spec in stack.specs)
         if mine == len(stack.specs):
             return ""
-        return f", {mine} of {len(stack.specs)} {'slices' if stack.is_moving else 'wavelengths'}"
+        return f", {mine} of {len(stack.specs)} slices"
 
     @property
     def renders(self) -> bool:
@@ -262,8 +262,7 @@ class Plan:
             recordings = sum(s.planned.id in self.unrecorded for s in self.by_stack.get(stack, ()))
             render_s = fsum(render_seconds(spec) for spec in missing)
             if render_s:
-                starts = [next((spec for spec in band if spec in missing), None) for band in stack.bands]
-                render_s += fsum(start_seconds(spec) for spec in starts if spec)
+                render_s += start_seconds(missing[0])
                 render_s += 0.0 if stack == self.users[stack].sharp_stack else grain_seconds(stack)
             works.append((render_s, recordings))
         record_s = self.resolved.pixel_frames / rates.recorded_per_s(workers)

@@ -207,10 +207,6 @@ class RenderSettings(FrozenModel):
     estimator: Literal["filtered", "plain"] = "filtered"
     """``filtered`` lets paths share the light that they find on a surface, which leaves a quarter of the grain and a
     small bias; ``plain`` uses each path as it was traced, as ``scalar`` always does."""
-    bands: int = Field(default=1, ge=1, le=32)
-    """Wavelengths at which a scene is rendered whose lens is read from a file, if any light states its ``spectrum``:
-    each costs a rendering, and shows the lens as it is at this wavelength. By default pictures are mixed from those of
-    one wavelength."""
     per_scene: dict[str, SceneSamples] = Field(default_factory=dict)
     """Scenes with other numbers of samples than the rest, such as those with more grain."""
 
@@ -219,8 +215,6 @@ class RenderSettings(FrozenModel):
         """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
         values = serialize(self)
         del values["per_scene"]
-        if self.bands == 1:
-            del values["bands"]
         if self.per_scene:
             own = {name: one.model_dump(mode="json", exclude_none=True) for name, one in self.per_scene.items()}
             values["per_scene"] = own

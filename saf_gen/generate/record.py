@@ -147,13 +147,7 @@ class Recorder:
         spec = time_stack.specs[0]
         position, log = sequence.lens_course(self.frames, readout_hz=hz)
         gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
-        colour = Colour.find(
-            sequence.schedule,
-            spec.groups,
-            sensor=self.sensor,
-            axial_colour=sequence.axial_colour,
-            bands_nm=sequence.bands_nm,
-        )
+        colour = Colour.find(sequence.schedule, spec.groups, sensor=self.sensor, axial_colour=sequence.axial_colour)
         charge_source = ChargeSource(plane_source, self.sensor, colour=colour)
         blends = None if colour is None else _find_blends(colour, charge_source, plane_source=plane_source, gain=gain)
         photographed = spec.estimator == PICTURES
@@ -235,10 +229,10 @@ def _find_blends(colour: Colour, charge_source: ChargeSource, *, plane_source: P
     """Return the mixes of light on the target, which counts as lit as it is in the first picture that sees it."""
     time_stack = plane_source.time_stack
     charge = np.ones(len(colour.lamps))
-    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.moments, strict=True)):
+    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         _, target = plane_source.load_geometry(j)
         if target.any():
             middle = float(np.mean(spec.focus))
             charge = charge_source.charge_image(begin - 0.5, middle)[:, target].mean(axis=1, dtype=np.float64)
             break
-    return colour.blends([band[0] for band in time_stack.bands], gain=gain, charge=charge)
+    return colour.blends(time_stack.specs[0], gain=gain, charge=charge)

@@ -22,7 +22,7 @@ from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, located, unknown
-from saf_gen.generate.colours import axial_colour, check_colours, find_bands, find_margin, in_bands, missing_colours
+from saf_gen.generate.colours import axial_colour, check_colours, find_margin
 from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.light_roles import missing_roles
 from saf_gen.generate.recipe import Recipe, StackRecipe, find_recipe, read_recipe
@@ -53,8 +53,6 @@ class SceneFamily:
         Role of each light group.
     axial_colour : mapping or None
         Axial colour of the lens, as the card states it.
-    bands_nm : tuple of float
-        Wavelengths (nm) at which recordings with spectra are rendered; empty for one.
     """
 
     params: Mapping[str, Any] = field(default_factory=dict)
@@ -62,7 +60,6 @@ class SceneFamily:
     illuminance_lux: Mapping[str, float] = field(default_factory=dict)
     roles: Mapping[str, str] = field(default_factory=dict)
     axial_colour: Mapping[str, Any] | None = None
-    bands_nm: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,8 +90,6 @@ class PlannedSequence:
         Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
     axial_colour : dict or None
         Axial colour of the lens, if any light has a spectrum.
-    bands_nm : tuple of float
-        Wavelengths of its stacks, nm, if any light has a spectrum and there are several.
     actuator : Actuator or None
         What is told the lens motion; None if the lens moves as its motion says.
     actuator_seed : int
@@ -116,7 +111,6 @@ class PlannedSequence:
     motion: dict[str, Any]
     mean_rate: float | None
     axial_colour: dict[str, Any] | None = None
-    bands_nm: tuple[float, ...] = ()
     actuator: Actuator | None = None
     actuator_seed: int = 0
     is_scene: bool = False
@@ -124,15 +118,13 @@ class PlannedSequence:
     def as_dict(self) -> dict[str, Any]:
         """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant".
 
-        ``axial_colour`` and ``bands_nm`` are left out if there are none, and what results count as a scene. The
+        ``axial_colour`` is left out if there is none, and what results count as a scene. The
         actuator is there with its seed and without its texts, if there is one.
         """
         data = {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
         del data["is_scene"]  # which changes no spike
         if self.axial_colour is None:
             del data["axial_colour"]
-        if not self.bands_nm:
-            del data["bands_nm"]
         seed, actuator = data.pop("actuator_seed"), data.pop("actuator")
         if actuator is not None:
             del actuator["name"], actuator["sources"]  # texts do not move the lens
@@ -285,7 +277,6 @@ def _draw_sequence(
         motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
         mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
         axial_colour=dict(family.axial_colour) if coloured and family.axial_colour else None,
-        bands_nm=family.bands_nm if coloured else (),
         actuator=actuator,
         actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),
         is_scene=settings.members is not None,
@@ -534,7 +525,6 @@ def resolve_recipe(
                 scene.card.illuminance_lux,
                 scene.card.light_roles,
                 _axial_colour(recipe, scene),
-                find_bands(recipe, scene) if isinstance(scene, Scene) else (),
             )
             for name, scene in scenes.items()
         }
@@ -617,7 +607,7 @@ def _resolve_sequences(
     stacks: dict[str, tuple[Scene | PictureStack, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
     of_point: dict[str, TimeResolvedStack] = {}
     for sequence in planned:
-        lens = [sequence.motion, sequence.actuator_seed, sequence.bands_nm]
+        lens = [sequence.motion, sequence.actuator_seed]
         key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, lens])
         if key not in stacks:
             scene = scenes[sequence.scene].with_params(sequence.params)
@@ -661,14 +651,13 @@ def _resolve_stacks(
             estimator=render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
-        margin = find_margin(spec, recipe, scene=scene, sensor=sensor, bands_nm=sequence.bands_nm)
-        bands = in_bands(replace(spec, margin=margin), scene, bands_nm=sequence.bands_nm)
+        spec = replace(spec, margin=find_margin(spec, recipe, scene=scene, sensor=sensor))
     if sequence.scene_motion == "static":
-        return TimeResolvedStack((0,), bands), None
+        return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = render.slices_per_s or card.slices_per_s or 0.0
     position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    before, after = margin
+    before, after = spec.margin
     windows = [
         (first - before, last + after) for first, last in slice_windows(position, starts, positions=spec.positions)
     ]
@@ -676,8 +665,7 @@ def _resolve_stacks(
     filtered = render.estimator == "filtered"
     moments = slice_moments(times) if filtered else [()] * len(times)
     slices = (
-        replace(band, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
-        for band in bands
+        replace(spec, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
         for time_s, window, shading_moments in zip(times, windows, moments, strict=True)
     )
     stack = TimeResolvedStack(starts, tuple(slices))
@@ -758,9 +746,8 @@ focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
 def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each scene with too few focus positions, fewer time slices than its card states, or light whose
-    colours its pictures do not wholly show, and for each role that a light means and scenes lack; of stacks that were
-    photographed, what is known of them.
+    """Return a line for each scene with too few focus positions or fewer time slices than its card states, and for each
+    role that a light means and scenes lack; of stacks that were photographed, what is known of them.
     """
     roles = missing_roles(resolved.sequences, resolved.recipe.lights)
     photographed = [
@@ -768,8 +755,7 @@ def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
     ]
     if photographed:
         return [*photographed, *roles]
-    colours = missing_colours(resolved.sequences)
-    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *colours, *roles]
+    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *roles]
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:

@@ -446,8 +446,7 @@ def _describe_actuator(name: str | None) -> str:
 def _describe_samples(render: RenderSettings) -> str:
     own = {name: render.of_scene(name).samples for name in render.per_scene}
     others = ", ".join(f"{name}: {samples}" for name, samples in own.items() if samples != render.samples)
-    bands = f", each {render.bands} times for lamps with spectra" if render.bands > 1 else ""
-    return f"{render.samples} samples per pixel{f' ({others})' if others else ''}{bands}"
+    return f"{render.samples} samples per pixel{f' ({others})' if others else ''}"
 
 
 def _describe_scene(card: SceneCard | StackCard) -> str:

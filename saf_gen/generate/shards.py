@@ -67,8 +67,8 @@ class _Family:
 
     @cached_property
     def firsts(self) -> frozenset[int]:
-        """Indices of the specs with which a stack begins, or one of its wavelengths."""
-        return frozenset(self.specs.index(band[0]) for stack in self.stacks for band in stack.bands)
+        """Indices of the specs with which a stack begins."""
+        return frozenset(self.specs.index(stack.specs[0]) for stack in self.stacks)
 
     @cached_property
     def costs(self) -> list[float]:

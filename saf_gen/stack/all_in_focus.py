@@ -64,13 +64,11 @@ def _lens_at_slices(time_stack: TimeResolvedStack, position: np.ndarray) -> np.n
 
 def _point_spec(time_stack: TimeResolvedStack, j: int, *, around: float | None = None) -> StackSpec:
     """Return the stack of a moment with the aperture of a point: at all positions, or at the two around one."""
-    spec = time_stack.moments[j]
+    spec = time_stack.specs[j]
     drive = spec.drive
     if spec.estimator in (WAVES, PICTURES):
         what = "is a thin section, drawn by waves" if spec.estimator == WAVES else "was photographed"
         raise BadInput(f"its scene {what}", allowed="scenes that light paths render")
-    if len(time_stack.bands) > 1:
-        raise BadInput("its lamps have spectra", allowed="light of one wavelength")
     if isinstance(drive, FittedLensDrive) or not drive.fills_its_aperture_perfectly:
         raise BadInput("its lens has aberrations or a ring, which a point has not", allowed="perfect thin lenses")
     changes: dict[str, Any] = {"f_number": F_NUMBER}

@@ -94,7 +94,7 @@ def record_photons(
     frames = int(capture.frames * ratio + 1e-9)
     time_stack, starts = plane_source.time_stack, tuple[int, ...]((0,))
     if time_stack.is_moving:
-        starts = tuple(round(spec.time_s * hz) for spec in time_stack.moments)
+        starts = tuple(round(spec.time_s * hz) for spec in time_stack.specs)
         frames = min(frames, starts[-1])
     plane_source = replace(plane_source, time_stack=TimeResolvedStack(starts, time_stack.specs))
     charge_source = ChargeSource(plane_source, placed, colour=capture.colour)

@@ -537,14 +537,6 @@ FAULTS = {
             "test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavelength",
         ),
     ),
-    "light in the wrong band": Fault(
-        "Light is drawn by bands in the reverse order, so that each wavelength lands where another belongs.",
-        (Change("optics.lens_colour", "interp(nm, known, order == band)", "interp(nm, known, order[::-1] == band)"),),
-        (
-            "stack/test_band_mixes.py::test_light_is_drawn_by_the_two_bands_next_to_it_in_linear_shares",
-            "stack/test_band_mixes.py::test_few_bands_draw_what_an_own_sum_of_25_wavelengths_draws",
-        ),
-    ),
     "axial colour of the other sign": Fault(
         "Light whose focus is nearer is drawn as if its focus were farther.",
         (
