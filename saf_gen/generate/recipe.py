@@ -256,11 +256,11 @@ class RenderSettings(FrozenModel):
 
 
 class TruthSettings(FrozenModel):
-    """What streams hold of the truth beside the true focus, the depth and the target."""
+    """What is made of the truth beside what every stream holds: the true focus, the depth and the target."""
 
     sharp: bool = Field(default=False, strict=True)
-    """Whether streams hold the all-in-focus charge of every pixel (``/truth/sharp``), for which a second stack is drawn
-    of every scene, with the aperture of a point; for perfect thin lenses and light of one wavelength."""
+    """Whether all-in-focus pictures of every recording are rendered, too: its stacks once more, with the aperture of a
+    point; for perfect thin lenses and light of one wavelength."""
 
 
 class SplitSettings(FrozenModel):
@@ -353,7 +353,7 @@ class Recipe(FrozenModel):
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Values or ranges of a scene's parameters, which replace those on its card."""
     truth: TruthSettings = TruthSettings()
-    """What streams hold of the truth beside the true focus, the depth and the target."""
+    """What is made of the truth beside what every stream holds: the true focus, the depth and the target."""
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:

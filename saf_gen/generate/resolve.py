@@ -415,8 +415,6 @@ class ResolvedSequence:
             "frames": self.frames,
             "seed": self.recipe_seed,
         }
-        if self.sharp_stack is not None:
-            decisive["sharp"] = [spec.key for spec in self.sharp_stack.specs]
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
 
 

@@ -388,7 +388,7 @@ PHOTOGRAPHED = "focal stacks photographed by other cameras"
 PAGE = Template("""# $name: spike-camera autofocus data
 
 Made by saf_gen from a recipe: $origin, seen by a model of the spike
-camera `$sensor`. Every sequence holds its true focus and the lens position at every frame$more.
+camera `$sensor`. Every sequence holds its true focus and the lens position at every frame.
 
 | | |
 |---|---|
@@ -409,7 +409,7 @@ $scenes
 - `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`; the digest of every file.
 - `sequences.csv`: the same sequences as a table.
 - `<split>/<id>.h5`: a spike stream with its truth, and in `/provenance/recipe` the recipe that makes it again.
-- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more.
+- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more$more.
 
 ```python
 import saf_gen
@@ -462,14 +462,12 @@ def write_dataset_card(
     cards, of_stacks = list(scenes), isinstance(recipe, StackRecipe)
     licences = read_licences(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
-    more = ", and the charge of every pixel if everything were in focus" if recipe.truth.sharp else ""
     text = PAGE.substitute(
         name=recipe.name,
         sensor=recipe.camera.spike_sensor,
         count=len(manifest.sequences),
         splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
         frames=recipe.camera.frames,
-        more=more,
         origin=PHOTOGRAPHED if of_stacks else "scenes rendered by Mitsuba through a thin lens",
         positions="| one per picture; their steps, and the rule of the true focus, are in /provenance/photographed"
         if of_stacks
@@ -478,6 +476,7 @@ def write_dataset_card(
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(map(_describe_scene, cards)),
+        more=", and to read all-in-focus pictures" if recipe.truth.sharp else "",
         next_command=manifest.next_command("."),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
@@ -488,7 +487,7 @@ def write_dataset_card(
         f"Spike-camera autofocus data, {how} and simulated: {plural(len(manifest.sequences), 'sequence')} of "
         f"{recipe.camera.frames} frames, sensor {recipe.camera.spike_sensor}, light {', '.join(recipe.lights)}. "
         f"Scenes: {'; '.join(f'{card.id}, {card.title}' for card in cards)}. "
-        f"Each sequence holds its true focus and the lens position at every frame{more}."
+        f"Each sequence holds its true focus and the lens position at every frame."
     )
     write_croissant(
         folder, manifest, facts=DatasetFacts(described, licences, responsible=PHOTOGRAPHS if of_stacks else SYNTHETIC)
