@@ -71,6 +71,7 @@ GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
             "list": scene_commands.list_scenes_command,
             "show": scene_commands.show_scene_command,
             "new": scene_commands.new_scene_command,
+            "from-pictures": scene_commands.from_pictures_command,
             "check": scene_commands.check_scenes_command,
             "preview": scene_commands.preview_command,
         },

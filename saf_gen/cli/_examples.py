@@ -55,6 +55,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "scenes list": ("scenes list", "scenes list --json"),
     "scenes show": ("scenes show camel",),
     "scenes new": ("scenes new my_scene", "scenes new my_scene --from exported/scene.xml"),
+    "scenes from-pictures": (
+        "scenes from-pictures weave --name weave --licence MIT --values linear",
+        "scenes from-pictures exr --name cells --licence MIT --values linear",
+    ),
     "scenes check": ("scenes check my_scene", "scenes check camel fan --json"),
     "scenes preview": ("scenes preview my_scene --out sheet.png", "scenes preview camel fan --out sheets"),
     "dataset index": ("dataset index recordings",),

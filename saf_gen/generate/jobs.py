@@ -13,7 +13,7 @@ from saf_gen.generate.plan import Plan
 from saf_gen.generate.record import Recorder, recording_digest
 from saf_gen.generate.resolve import PlannedSequence, ResolvedSequence
 from saf_gen.scene.scene_folder import Scene
-from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.focal_stack import PICTURES, StackSpec, StackStore
 from saf_gen.stack.grain import read_grain
 from saf_gen.stack.picture_stack import PictureStack
 from saf_gen.stack.second_render import stacks_to_repeat
@@ -350,8 +350,9 @@ class JobOrder:
     def _render_job(self, stack: TimeResolvedStack) -> Job:
         user, share = self._plan.users[stack], self._plan.share
         label, measure_grain = user.stack_label(stack), stack in self._plan.by_stack
+        backend = PICTURES if isinstance(user.scene, PictureStack) else self._backend
         wanted = self._plan.to_render[stack] if share and stack in share.cut else None
-        return RenderJob(label, user.scene, stack, self._stacks, self._backend, measure_grain, wanted)
+        return RenderJob(label, user.scene, stack, self._stacks, backend, measure_grain, wanted)
 
     def _jobs_on_cut_stacks(self) -> list[Job]:
         jobs: list[Job] = []

@@ -122,20 +122,6 @@ def test_where_a_point_draws_no_such_picture_the_recipe_is_refused_in_one_line(w
     assert_says(refusal(resolve_recipe, write(text + ASKED)), f"r.yaml: truth.sharp: | {says}")
 
 
-def test_pictures_of_other_cameras_have_none(write):
-    text = """\
-name: real
-seed: 3
-camera: {sensor: vidar_400x250, frames: 320, exposure: {mean_rate: 0.2}}
-stacks: {dots: {folder: pictures, values: linear, licence: CC0-1.0}}
-lights: {constant: {kind: constant}}
-splits: {test: {scenes: [dots], lights: [constant]}}
-"""
-    read_recipe(write(text))
-    assert_says(refusal(read_recipe, write(text + ASKED)), "no truth in a recipe of stacks")
-    assert "truth" not in read_recipe(write(text)).model_dump(mode="json")
-
-
 def test_the_lens_is_the_same_with_the_aperture_of_a_point(asked):
     """At rest at all positions, moving at those that the lens passes; without what only the closed loop needs."""
     for s in asked.all_sequences:
