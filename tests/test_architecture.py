@@ -26,7 +26,6 @@ IMPORTERS = {
         "stream.event_file",
         "stream.frame_file",
         "stream.full_disk",
-        "stream.sharp_charge",
         "stream.stream_file",
         "stream.stream_writer",
         "stream.interop.array_files",

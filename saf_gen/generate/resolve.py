@@ -25,15 +25,16 @@ from saf_gen.errors import BadInput, closest, located, unknown
 from saf_gen.generate.colours import axial_colour, check_colours, find_margin
 from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.light_roles import missing_roles
-from saf_gen.generate.recipe import Recipe, StackRecipe, find_recipe, read_recipe
+from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
 from saf_gen.optics.actuators import Actuator, get_actuator
-from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps
+from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps, states_spectrum
 from saf_gen.plugins.motions import lens_positions
-from saf_gen.scene.scene_folder import Scene, find_scene
+from saf_gen.scene.picture_card import PictureScene
+from saf_gen.scene.scene_folder import Scene, find_any_scene
 from saf_gen.stack.all_in_focus import sharp_stack
-from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.focal_stack import PICTURES, StackSpec
 from saf_gen.stack.other_cameras import OtherCamera, find_camera
-from saf_gen.stack.picture_stack import PictureStack, StackCard, read_picture_stack
+from saf_gen.stack.picture_stack import PictureStack, read_picture_stack
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
 
@@ -406,8 +407,6 @@ class ResolvedSequence:
             "frames": self.frames,
             "seed": self.recipe_seed,
         }
-        if self.sharp_stack is not None:
-            decisive["sharp"] = [spec.key for spec in self.sharp_stack.specs]
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
 
 
@@ -509,12 +508,14 @@ def resolve_recipe(
         actuator = _read_actuator(recipe, Path(recipe_path).parent)
     scenes: dict[str, Scene | PictureStack] = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):
-        if isinstance(recipe, StackRecipe):
-            scenes[name] = _read_stack(name, recipe, folder=Path(recipe_path).parent, sensor=sensor)
-            continue
         with located(where):
-            scenes[name] = scene = find_scene(name)
-        _check_drive(recipe, scene)
+            found = find_any_scene(name)
+            if isinstance(found, PictureScene):
+                _check_given_lens(recipe, name)
+                scenes[name] = read_picture_stack(found, (sensor.rows, sensor.columns))
+            else:
+                scenes[name] = found
+                _check_drive(recipe, found)
     if split is not None and split not in recipe.splits:
         raise unknown("split", split, allowed=recipe.splits, where=where)
     with located(where):
@@ -534,6 +535,8 @@ def resolve_recipe(
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
         with located(where, prefix=f"light {s.light!r} on {s.scene}: "):
+            if isinstance(scenes[s.scene], PictureStack) and any(map(states_spectrum, s.schedule.values())):
+                raise BadInput("it has a spectrum", allowed="lights without one: pictures hold light of one kind")
             group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
@@ -542,21 +545,8 @@ def resolve_recipe(
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
         check_colours(resolved, recipe)
     wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
-    found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part, others=others)
-    return replace(found, benchmark=_benchmark(found))
-
-
-def _read_stack(name: str, recipe: StackRecipe, *, folder: Path, sensor: Sensor) -> PictureStack:
-    """Return a stack of a recipe, whose pictures have all been read once."""
-    stated = recipe.stacks[name]
-    return read_picture_stack(
-        StackCard(name, stated.title or name, stated.licence),
-        folder / stated.folder,
-        values=stated.values,
-        step_um=stated.step_um,
-        box=stated.box,
-        shape=(sensor.rows, sensor.columns),
-    )
+    whole = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part, others=others)
+    return replace(whole, benchmark=_benchmark(whole))
 
 
 def _axial_colour(recipe: Recipe, scene: Scene | PictureStack) -> dict[str, Any] | None:
@@ -574,8 +564,9 @@ def _check_samples(
     for name, own in recipe.render.per_scene.items():
         key = f"render.per_scene.{name}"
         scene = scenes[name]
-        if isinstance(scene, Scene) and scene.card.section is not None:
-            raise BadInput(f"{key}: a thin section is drawn by waves, without samples", hint=f"leave {name} out")
+        if isinstance(scene, PictureStack) or scene.card.section is not None:
+            what = "given pictures are" if isinstance(scene, PictureStack) else "a thin section is drawn by waves,"
+            raise BadInput(f"{key}: {what} without samples", hint=f"leave {name} out")
         if own.slice_samples is not None and "dynamic" not in motions[name]:
             raise BadInput(
                 f"{key}.slice_samples is {own.slice_samples}, but {name} is recorded only at rest",
@@ -694,6 +685,21 @@ def _read_actuator(recipe: Recipe, folder: Path) -> Actuator | None:
     return get_actuator(folder / name if is_preset_file(name) else name)
 
 
+def _check_given_lens(recipe: Recipe, name: str) -> None:
+    """Raise BadInput if a recipe states what only a scene with a known lens and light can have."""
+    exposure, focus = recipe.camera.exposure, recipe.focus
+    stated = {
+        "camera.exposure.absolute": exposure.absolute, "camera.exposure.f_number": exposure.f_number,
+        "focus.drive": focus.drive, "focus.aberrations": focus.aberrations, "focus.axial_colour": focus.axial_colour,
+    }  # fmt: skip
+    for key, value in stated.items():
+        if value:
+            raise BadInput(
+                f"{key} is given, and scene {name!r} was photographed, by a lens and in light that nobody knows",
+                allowed=f"recipes without {key}, with a mean_rate", hint=f"or leave {name} out",
+            )  # fmt: skip
+
+
 def _check_drive(recipe: Recipe, scene: Scene) -> None:
     drives = sorted({lens.drive for lens in scene.card.lenses.values()} or {scene.card.lens.drive})
     if recipe.focus.drive is not None and drives != [recipe.focus.drive]:
@@ -750,12 +756,8 @@ def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
     role that a light means and scenes lack; of stacks that were photographed, what is known of them.
     """
     roles = missing_roles(resolved.sequences, resolved.recipe.lights)
-    photographed = [
-        line for scene in resolved.scenes.values() if isinstance(scene, PictureStack) for line in scene.remarks
-    ]
-    if photographed:
-        return [*photographed, *roles]
-    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *roles]
+    given = [scene.remark for scene in resolved.scenes.values() if isinstance(scene, PictureStack)]
+    return [*given, *_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *roles]
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
@@ -766,6 +768,8 @@ def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
     widths: dict[str, tuple[float, int]] = {}
     for sequence in resolved.sequences:
         spec = sequence.time_stack.specs[0]
+        if spec.estimator == PICTURES:
+            continue
         low, high = spec.drive.depth_of_focus(0.5, spec.pitch_m, wavelength_m=spec.wavelength_m)
         widths[spec.scene] = min(widths.get(spec.scene, (math.inf, 0)), (high - low, spec.positions))
     lines = []

@@ -144,7 +144,7 @@ def resample(stream: SpikeStream, frames: int, *, readout_hz: float, middle_s: f
 
     Frame k of the other camera is the light about the moment k/``readout_hz`` + ``middle_s``, in seconds.
     """
-    metadata = stream.metadata.without_sharp()
+    metadata = stream.metadata
     at = (np.arange(frames) / readout_hz + middle_s) * stream.readout_hz - 0.5  # in readouts
 
     def resampled(values: np.ndarray | None) -> np.ndarray | None:

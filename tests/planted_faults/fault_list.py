@@ -89,45 +89,19 @@ FAULTS = {
     ),
     "light of a point": Fault(
         "The all-in-focus picture has the light that the aperture of a point collects, not the lens of the recording.",
-        (Change("stack.all_in_focus", "sensor, lens=lens,", "sensor, lens=spec.drive,"),),
+        (Change("stack.all_in_focus", "replace(point, drive=spec.drive) for", "point for"),),
         (
-            "generate/test_sharp_recipe.py::"
-            "test_at_rest_the_charge_is_that_of_the_true_focus_through_the_aperture_of_the_recording",
-            "generate/test_sharp_recipe.py::"
-            "test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_the_lens_is",
-            "render/test_all_in_focus.py::test_in_focus_it_is_the_recorded_picture_of_each_light",
-            "render/test_all_in_focus.py::test_its_light_is_that_of_the_aperture_of_the_recording",
-        ),
-    ),
-    "sharp one slice late": Fault(
-        "Between two moments, the all-in-focus charge is that of the two moments after them.",
-        (
-            Change(
-                "stream.sharp_charge",
-                'np.searchsorted(frames, middle, side="right") - 1,',
-                'np.searchsorted(frames, middle, side="right"),',
-            ),
-        ),
-        (
-            "stream/test_sharp_charge.py::test_a_readout_collects_what_lies_between_two_slices_under_its_light",
-            "stream/test_sharp_charge.py::test_at_a_slice_it_is_the_slice_and_outside_the_nearest",
-            "generate/test_sharp_recipe.py::"
-            "test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_the_lens_is",
+            "generate/test_sharp_recipe.py::test_the_charge_is_that_of_the_aperture_of_the_recording[at rest]",
+            "generate/test_sharp_recipe.py::test_the_charge_is_that_of_the_aperture_of_the_recording[moving]",
+            "render/test_sharp_truth.py::test_in_focus_it_is_the_recorded_picture_of_each_light[still]",
         ),
     ),
     "sharp beside the lens": Fault(
         "The all-in-focus pictures of a moving scene have the scale of the end of the sweep, not of where the lens is.",
-        (
-            Change(
-                "stack.all_in_focus",
-                "position[np.minimum(time_stack.slice_frames, len(position) - 1)]",
-                "position[np.full(len(time_stack.slice_frames), len(position) - 1)]",
-            ),
-        ),
+        (Change("stack.all_in_focus", "slice_windows(position, ", "slice_windows(position[-1:], "),),
         (
             "generate/test_sharp_recipe.py::test_the_lens_is_the_same_with_the_aperture_of_a_point",
-            "generate/test_sharp_recipe.py::"
-            "test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_the_lens_is",
+            "generate/test_sharp_recipe.py::test_the_charge_is_that_of_the_aperture_of_the_recording[moving]",
         ),
     ),
     "no cos⁴": Fault(
