@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from lens_texts import LENSES
 from pydantic import TypeAdapter
 from ray_by_ray import surfaces_of, traced
 
-from saf_gen.addons.lens_files.reading import LENSES
 from saf_gen.optics import AxialColour
 from saf_gen.optics.fitted_file import read_lens
 from saf_gen.optics.lens_card import LensCard
