@@ -1,7 +1,7 @@
 """A scene around a mesh: the mesh in front of the lens, a lamp, a wall, and a card.
 
-Surfaces are matt and are seen from both sides. Mitsuba multiplies no textures, so products are computed here: colour
-factors become part of the picture, and colours of vertices beside a picture become a sum over red, green and blue.
+Surfaces are matt and are seen from both sides. Mitsuba multiplies no textures, so colour factors become part of the
+picture.
 """
 
 import re
@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.authoring.meshes import READERS, LeftOut, Shape, Surface, read_mesh, srgb_to_linear
-from saf_gen.authoring.meshes.side_files import encode_png
+from saf_gen.authoring.meshes import READERS, LeftOut, Shape, Surface, encode_png, read_mesh, srgb_to_linear
 from saf_gen.errors import BadInput, escape_controls
 
 UNREADABLE_MESHES = {
@@ -131,7 +130,7 @@ def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lamb
     scale, middle = SIZE_M / side, extent[0] / 2 + extent[1] / 2
     if not np.isfinite(scale):
         raise BadInput(f"the largest side of the mesh is {side:.3g}", where=str(path), hint="enlarge it")
-    files = _Files(left_out)
+    files = _Files()
     names: list[str] = []
     for shape in shapes:
         names.append(_unique_name(shape.name, names))
@@ -166,9 +165,8 @@ def _simplified(shape: Shape) -> Shape:
     colours = shape.colours
     if colours is None or (colours != colours[0]).any():
         return shape
-    red, green, blue = np.array(shape.surface.colour) * colours[0, :3]
-    surface = replace(shape.surface, colour=(red, green, blue), opacity=shape.surface.opacity * float(colours[0, 3]))
-    return replace(shape, colours=None, surface=surface)
+    red, green, blue = np.array(shape.surface.colour) * colours[0]
+    return replace(shape, colours=None, surface=replace(shape.surface, colour=(red, green, blue)))
 
 
 def _is_visible(shape: Shape, left_out: LeftOut) -> bool:
@@ -176,8 +174,6 @@ def _is_visible(shape: Shape, left_out: LeftOut) -> bool:
     highest = surface.opacity
     if surface.picture is not None:
         highest *= float(surface.picture[..., 3].max()) / 255
-    if shape.colours is not None:
-        highest *= float(shape.colours[:, 3].max())
     least = {"opaque": -1.0, "mask": surface.cutoff, "blend": 1e-6}[surface.alpha]
     if highest < least:
         left_out.add("shapes left out, they cannot be seen", shape.name)
@@ -191,8 +187,7 @@ MAX_BYTES = 4 << 30
 class _Files:
     """The files of the shapes, and their XML; shapes with the same picture share its file."""
 
-    def __init__(self, left_out: LeftOut) -> None:
-        self.left_out = left_out
+    def __init__(self) -> None:
         self.data: dict[str, bytes] = {}
         self.xml: list[str] = []
         self._stored: dict[tuple[object, ...], str] = {}
@@ -201,7 +196,7 @@ class _Files:
         """Add the mesh, the pictures and the XML of a shape whose coordinates are in metres."""
         attributes: dict[str, np.ndarray] = {}
         bsdf = f'<bsdf type="twosided">{self._reflection(name, shape, attributes=attributes)}</bsdf>'
-        for opacity in self._opacities(name, shape, attributes=attributes):
+        for opacity in self._opacities(name, shape.surface):
             bsdf = f'<bsdf type="mask">{opacity}{bsdf}</bsdf>'
         flat = '\t\t<boolean name="face_normals" value="true"/>\n' if shape.flat else ""
         self._add(f"meshes/{name}.ply", _format_ply(shape, attributes))
@@ -223,24 +218,13 @@ class _Files:
                 return _diffuse(_rgb("reflectance", surface.colour))
             attributes |= {f"color_{n}": colours[:, n] * surface.colour[n] for n in range(3)}
             return _diffuse(_attribute("reflectance", "color"))
-        if colours is None or (colours[:, :3] == 1).all():
-            return _diffuse(self._coloured(name, surface, picture=surface.picture))
-        mixed, total = "", 0.0
-        for n, (channel, share) in enumerate(LUMINANCE.items()):
-            attributes[f"{channel}_0"] = colours[:, n]
-            file = self._store(
-                f"{name}_{channel}.pfm",
-                (surface.picture, channel, surface.colour[n]),
-                encode=partial(
-                    _encode_pfm, srgb_to_linear(surface.picture[..., n] / 255)[..., None] * surface.colour[n]
-                ),
+        if colours is not None:
+            raise BadInput(
+                f"the mesh {shape.name!r} has a texture and colours of vertices that differ",
+                allowed="one of them",
+                hint="remove the colours of its vertices, and export it again",
             )
-            part = _blend(
-                BLACK, _diffuse(_bitmap("reflectance", file, surface=surface)), weight=_attribute("weight", channel)
-            )
-            total += share
-            mixed = _blend(mixed, part, weight=_number("weight", share / total)) if mixed else part
-        return mixed
+        return _diffuse(self._coloured(name, surface, picture=surface.picture))
 
     def _coloured(self, name: str, surface: Surface, *, picture: np.ndarray) -> str:
         """Return the texture of colour × picture: a copy of the picture if the colour is white."""
@@ -251,39 +235,32 @@ class _Files:
         file = self._store(f"{name}.pfm", key, encode=partial(_tinted, picture, surface.colour))
         return _bitmap("reflectance", file, surface=surface)
 
-    def _opacities(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> Iterator[str]:
-        """Yield the XML of each factor of the opacity of a shape that is not opaque."""
-        surface, picture = shape.surface, shape.surface.picture
+    def _opacities(self, name: str, surface: Surface) -> Iterator[str]:
+        """Yield the XML of each factor of the opacity of a surface that is not opaque."""
+        picture, masked = surface.picture, surface.alpha == "mask"
         if surface.alpha == "opaque":
             return
-        masked = surface.alpha == "mask"
         if picture is not None and int(picture[..., 3].min()) < 255:
-            alpha = (255 * _coverage(surface)).astype(np.uint8) if masked else picture[..., 3]
+            alpha = picture[..., 3]
+            if masked:
+                alpha = np.where(alpha / 255 * surface.opacity >= surface.cutoff, 255, 0).astype(np.uint8)
             key = (picture, "opacity", *((surface.opacity, surface.cutoff) if masked else ()))
-            file = self._store(f"{name}_opacity.png", key, encode=partial(encode_png, alpha))
-            yield _bitmap("opacity", file, surface=surface)
+            yield _bitmap(
+                "opacity", self._store(f"{name}_opacity.png", key, encode=partial(encode_png, alpha)), surface=surface
+            )
         if not masked and surface.opacity < 1:
             yield _number("opacity", surface.opacity)
-        if shape.colours is not None and (shape.colours[:, 3] < 1).any():
-            if masked:
-                self.left_out.add("opacity of vertices ignored beside a mask", shape.name)
-            else:
-                attributes["opacity_0"] = shape.colours[:, 3]
-                yield _attribute("opacity", "opacity")
-                if any(surface.emission):
-                    self.left_out.add("opacity of vertices ignored for emission", shape.name)
 
     def _emission(self, name: str, surface: Surface) -> str:
-        """Return the lamp of a shape that emits light; it shines from the front, where the surface is opaque."""
+        """Return the lamp of a shape that emits light; it shines from the front."""
         if not any(surface.emission):
             return ""
-        glow, coverage = surface.emission_picture, _coverage(surface)
-        if glow is None and coverage.min() == coverage.max():
-            radiance = _rgb("radiance", (c * float(coverage.max()) for c in surface.emission))
+        glow = surface.emission_picture
+        if glow is None:
+            radiance = _rgb("radiance", surface.emission)
         else:
-            key = (glow, surface.picture, surface.alpha, surface.opacity, surface.cutoff, *surface.emission)
-            encode = partial(_glowing, glow, surface.emission, coverage=coverage)
-            file = self._store(f"{name}_emission.pfm", key, encode=encode)
+            key = (glow, "emission", *surface.emission)
+            file = self._store(f"{name}_emission.pfm", key, encode=partial(_tinted, glow, surface.emission))
             radiance = _bitmap("radiance", file, surface=surface)
         return f'\t\t<emitter type="area">{radiance}</emitter>\n'
 
@@ -296,17 +273,8 @@ class _Files:
         return self._stored[known]
 
 
-LUMINANCE = {"red": 0.2126, "green": 0.7152, "blue": 0.0722}
-"""Shares of the channels in luminance (IEC 61966-2-1), which is what is rendered."""
-BLACK = '<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>'
-
-
 def _diffuse(reflectance: str) -> str:
     return f'<bsdf type="diffuse">{reflectance}</bsdf>'
-
-
-def _blend(first: str, second: str, *, weight: str) -> str:
-    return f'<bsdf type="blendbsdf">{weight}{first}{second}</bsdf>'
 
 
 def _rgb(name: str, values: Iterable[float]) -> str:
@@ -330,30 +298,10 @@ def _bitmap(name: str, file: str, *, surface: Surface, raw: bool = True) -> str:
     return f'<texture type="bitmap" name="{name}">{inner}{linear}</texture>'
 
 
-def _coverage(surface: Surface) -> np.ndarray:
-    """Return the opacity of the texels of a surface, apart from that of its vertices: 0 to 1, (rows, columns)."""
-    if surface.alpha == "opaque":
-        return np.ones((1, 1))
-    alpha = np.ones((1, 1)) if surface.picture is None else surface.picture[..., 3] / 255
-    opacity = alpha * surface.opacity
-    return (opacity >= surface.cutoff).astype(np.float64) if surface.alpha == "mask" else opacity
-
-
 def _tinted(picture: np.ndarray, colour: tuple[float, float, float]) -> bytes:
     """Return the file of the linear product of a picture and a colour."""
     decoded = srgb_to_linear(np.arange(256) / 255)
     return _encode_pfm(np.stack([(decoded * colour[n])[picture[..., n]] for n in range(3)], axis=-1))
-
-
-def _glowing(picture: np.ndarray | None, emission: tuple[float, float, float], *, coverage: np.ndarray) -> bytes:
-    """Return the file of the linear product of an emission, its picture and the opacity of the surface."""
-    linear = np.ones((1, 1, 3)) if picture is None else srgb_to_linear(picture[..., :3] / 255)
-    rows, columns = np.maximum(linear.shape[:2], coverage.shape)
-    linear, coverage = (
-        part[np.ix_(np.arange(rows) * part.shape[0] // rows, np.arange(columns) * part.shape[1] // columns)]
-        for part in (linear, coverage)
-    )
-    return _encode_pfm(linear * emission * coverage[..., None])
 
 
 def _encode_pfm(values: np.ndarray) -> bytes:

@@ -65,7 +65,7 @@ def validate_ply(path: Path, *, triangles: bool = False) -> None:
                             f"the mesh has a face of {corners.shape[-1]} corners",
                             where=str(path),
                             allowed="triangles",
-                            hint="triangulate it, or import its scene with saf-gen scenes new --from",
+                            hint="export it with triangles, or import its scene.xml with saf-gen scenes new --from",
                         )
     except (OSError, ValueError, OverflowError, MemoryError) as error:
         raise BadInput(f"the mesh is damaged: {error}", where=str(path), hint="export it again") from error

@@ -37,17 +37,10 @@ def obj(tmp_path):
         ("Kd 0.5\n", [[0.5] * 3] * 4),
         ("map_Kd print.png\n", COLOURS),
         ("Kd 0.5 0.25 1\nmap_Kd print.png\n", COLOURS * [0.5, 0.25, 1]),
-        ("map_Kd -o 0.5 0 0 print.png\n", COLOURS[[1, 0, 3, 2]]),
-        ("map_Kd -o 0 0.5 print.png\n", COLOURS[[2, 3, 0, 1]]),
-        ("map_Kd -s 1 -1 1 print.png\n", COLOURS[[2, 3, 0, 1]]),
-        ("map_Kd -blendu on -clamp off -s -1 1 1 print.png\n", COLOURS[[1, 0, 3, 2]]),
-        ("map_Kd -clamp on -o 1 1 print.png\n", COLOURS[[1, 1, 1, 1]]),
         ("map_Kd .\\print.png\n", COLOURS),
         ("MAP_KD print.png # the print\n", COLOURS),
         ("kd 1 0 0\nKd 0 1 0\n", [[0, 1, 0]] * 4),
         ("Kd 0 0 0\nKe 0.5 2 0.25\n", [[0.5, 2, 0.25]] * 4),
-        ("Kd 0 0 0\nmap_Ke print.png\n", COLOURS),
-        ("Kd 0 0 0\nKe 2 1 1\nmap_Ke print.png\n", COLOURS * [2, 1, 1]),
     ],
 )
 def test_a_material_of_an_mtl_file_is_shown(obj, mtl, expected):
@@ -63,19 +56,11 @@ def test_a_material_of_an_mtl_file_is_shown(obj, mtl, expected):
         ("Tr 0.25\n", [0.25] * 4),
         ("d 0.5\nTr 0.9\n", [0.5] * 4),
         ("d 1\n", [0] * 4),
-        ("map_d print.png\n", 1 - np.array([255, 200, 100, 0]) / 255),
-        ("map_Kd print.png\nmap_d print.png\n", 1 - np.array([255, 200, 100, 0]) / 255),
-        ("d 0.5\nmap_d print.png\n", 1 - np.array([255, 200, 100, 0]) / 510),
         ("map_Kd print.png\n", [0] * 4),
-        ("map_d -imfchan r print.png\n", [1] * 4),
     ],
 )
 def test_the_opacity_of_an_mtl_file_shows_the_background(obj, mtl, clear):
     masks = blocks(*((0, 0, 0, a) for a in (255, 200, 100, 0)))
-    if "-imfchan" in mtl:
-        with pytest.raises(Exception, match="cannot be seen"):
-            obj(f"newmtl card\nKd 0 0 0\n{mtl}", picture=blocks(*((0, 200, 0, 255),) * 4))
-        return
     picture, _ = obj(f"newmtl card\nKd 0 0 0\n{mtl}", picture=masks, samples=1024)
     assert quarters(picture)[:, 0] == pytest.approx(np.array(clear), abs=0.03)
 
@@ -98,21 +83,19 @@ def test_pictures_of_any_usual_kind_are_read(obj, kind, name):
     assert quarters(picture) == pytest.approx(COLOURS, abs=0.02 if kind == "jpeg" else 4e-3)
 
 
-@pytest.mark.parametrize("mode", ["L", "I;16", "P", "LA", "1", "CMYK"])
+@pytest.mark.parametrize("mode", ["L", "P", "LA", "1"])
 def test_pictures_of_any_usual_mode_are_read(obj, tmp_path, mode):
     grey = blocks((0,), (255,), (255,), (0,))[..., 0]
     (tmp_path / "grey.tif").touch()
-    picture = Image.fromarray(grey.astype(np.uint16) * 257) if mode == "I;16" else Image.fromarray(grey).convert(mode)
-    picture.save(tmp_path / "grey.tif")
+    Image.fromarray(grey).convert(mode).save(tmp_path / "grey.tif")
     shown, _ = obj("newmtl card\nmap_Kd grey.tif\n")
     assert quarters(shown)[:, 1] == pytest.approx([0, 1, 1, 0], abs=0.01)
 
 
 def test_pictures_are_named_from_the_folder_of_the_mtl_file(obj, tmp_path):
     (tmp_path / "maps").mkdir()
-    (tmp_path / "maps/b.mtl").write_text("newmtl card\nmap_Kd print.png\nmap_d ../white.png\n")
+    (tmp_path / "maps/b.mtl").write_text("newmtl card\nmap_Kd ../maps/print.png\n")
     (tmp_path / "maps/print.png").write_bytes(encode(FOUR, "png"))
-    (tmp_path / "white.png").write_bytes(encode(FOUR * 0 + 255, "png"))
     picture, _ = obj("", "mtllib maps\\b.mtl\n" + CARD, picture=FOUR * 0)
     assert quarters(picture) == pytest.approx(COLOURS, abs=4e-3)
 
@@ -135,9 +118,10 @@ def test_each_material_of_a_file_has_its_own_shape(obj, tmp_path):
     assert said == []
 
 
-@pytest.mark.parametrize("written", ["{} {} {} {} {} {}", "{} {} {} {} {} {} 1.0"])
-def test_colours_of_obj_vertices_are_coded(obj, written):
-    rows = "".join(f"v {written.format(*point, *colour)}\n" for point, colour in zip(POINTS, CODED / 255, strict=True))
+def test_colours_of_obj_vertices_are_coded(obj):
+    rows = "".join(
+        "v {} {} {} {} {} {}\n".format(*point, *colour) for point, colour in zip(POINTS, CODED / 255, strict=True)
+    )
     picture, _ = obj("", rows + "f 1 2 3 4\n", samples=512)
     assert quarters(picture) == pytest.approx(np.tile(linear(CODED[0]), (4, 1)), abs=4e-3)
 
@@ -154,6 +138,7 @@ CODED = np.tile(np.array([[200.0, 120, 50]]), (4, 1))
         "f 1/1 2/2 \\\n  3/3 4/4\n",
         "o a\ng b c\ns off\nf 1/1 2/2 3/3 4/4 # a face\n",
         "f 4/4 3/3 2/2 1/1\n",
+        "f 1/1 2/2 3/3\nvn 0 0 1\nf 1/1/1 3/3/1 4/4/1\n",
     ],
 )
 def test_faces_of_an_obj_file_may_be_written_in_many_ways(obj, faces):
@@ -162,36 +147,23 @@ def test_faces_of_an_obj_file_may_be_written_in_many_ways(obj, faces):
     assert said == []
 
 
-ARROW = np.array([[-1, -1], [0, -0.5], [1, -1], [0, 1]], float)
-STAR = np.array(
-    [(np.cos(t), np.sin(t)) * np.array([1 - 0.6 * (k % 2)]) for k, t in enumerate(np.arange(10) * np.pi / 5)]
-)
-COMB = np.array([[0, 0], [7, 0], [7, 3], [6, 3], [6, 1], [5, 1], [5, 3], [4, 3], [4, 1], [1, 1], [1, 3], [0, 3]], float)
-
-
-def area_of(points):
-    x, y = points.T
-    return abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
-
-
-@pytest.mark.parametrize("outline", [ARROW, STAR, COMB, ARROW[::-1], COMB[::-1], np.roll(COMB, 5, axis=0)])
-@pytest.mark.parametrize("plane", [[0, 1, 2], [1, 2, 0], [0, 2, 1]])
-def test_a_face_that_is_not_convex_has_its_own_area(tmp_path, outline, plane):
-    points = np.column_stack([outline, np.zeros(len(outline))])[:, plane]
-    rows = "".join(f"v {x} {y} {z}\n" for x, y, z in points)
-    (tmp_path / "a.obj").write_text(rows + "f " + " ".join(str(k + 1) for k in range(len(points))) + "\n")
+def test_convex_faces_of_any_number_of_corners_keep_their_area(tmp_path):
+    turns = np.arange(7) * 2 * np.pi / 7
+    rows = "".join(f"v {np.cos(t)} 5 {np.sin(t)}\n" for t in turns)
+    (tmp_path / "a.obj").write_text(rows + "f 7 6 5 4 3 2 1\nf 1 2 3 4 5 6\nf 1 2 3\n")
     (shape,) = read_mesh(tmp_path / "a.obj", LeftOut())
     a, b, c = (shape.points[shape.triangles[:, k]] for k in range(3))
-    areas = np.cross(b - a, c - a) / 2
-    assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(area_of(outline))
-    assert np.linalg.norm(areas.sum(axis=0)) == pytest.approx(area_of(outline))
+    areas = np.cross(b - a, c - a)[:, 1] / 2
+    corner = np.sin(turns[1]) / 2  # of a triangle to the centre
+    ear = np.sin(turns[1]) - np.sin(turns[2]) / 2
+    assert np.abs(areas).sum() == pytest.approx(7 * corner + (7 * corner - ear) + ear)
 
 
 def write_ply(path, *, order, faces, colours=None, extra=()):
     """Write a PLY file by hand, as Blender or MeshLab lay it out."""
     columns = [("x", "float"), ("y", "float"), ("z", "float")]
     columns += [] if colours is None else [(n, "uchar") for n in ("red", "green", "blue", "alpha")]
-    header = ["ply", f"format {order} 1.0", "comment of a stranger", *extra, f"element vertex {len(POINTS)}"]
+    header = ["ply", f"format {order} 1.0", "comment end_header of another", *extra, f"element vertex {len(POINTS)}"]
     header += [f"property {kind} {name}" for name, kind in columns]
     header += [f"element face {len(faces)}", "property list uchar uint vertex_indices", "end_header"]
     text = ("\n".join(header) + "\n").encode()
@@ -212,8 +184,8 @@ def write_ply(path, *, order, faces, colours=None, extra=()):
 
 
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
-@pytest.mark.parametrize("faces", [[(0, 1, 2, 3)], [(0, 1, 2), (0, 2, 3)], [(0, 1, 2, 3), (0, 1, 2), (3, 2, 1, 0)]])
-def test_polygons_and_coded_colours_of_a_ply_file_are_kept(tmp_path, order, faces):
+def test_triangles_and_coded_colours_of_a_ply_file_are_kept(tmp_path, order):
+    faces = FACES.tolist()
     colours = [(255, 0, 0, 255), (255, 128, 0, 255), (255, 128, 188, 255), (255, 0, 188, 255)]
     picture, said = show(write_ply(tmp_path / "a.ply", order=order, faces=faces, colours=colours), samples=256)
     middle = linear(np.array(colours))[:, :3].mean(axis=0)
@@ -221,24 +193,21 @@ def test_polygons_and_coded_colours_of_a_ply_file_are_kept(tmp_path, order, face
     assert said == []
 
 
-def test_colours_of_the_faces_of_a_ply_file_are_kept(tmp_path):
-    points = np.float32([[-1, -1, 0], [0, -1, 0], [0, 1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0]])
-    faces = [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]
-    mesh = trimesh.Trimesh(points, faces, process=False)
-    mesh.visual.face_colors = [[255, 0, 0, 255]] * 2 + [[188, 188, 188, 255]] * 2
-    (tmp_path / "a.ply").write_bytes(mesh.export(file_type="ply"))
-    picture, _ = show(tmp_path / "a.ply")
-    assert quarters(picture) == pytest.approx(np.array([[1, 0, 0], COLOURS[3]] * 2), abs=4e-3)
-
-
-def test_the_texture_of_a_ply_file_of_meshlab_is_kept(tmp_path):
+@pytest.mark.parametrize("of_faces", [False, True])
+def test_the_texture_of_a_ply_file_of_meshlab_is_kept(tmp_path, of_faces):
     (tmp_path / "print.png").write_bytes(encode(FOUR, "png"))
-    rows = "".join(f"{x} {y} {z} {u} {1 - v}\n" for (x, y, z), (u, v) in zip(POINTS, UV, strict=True))
-    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "s", "t"))
-    head = f"ply\nformat ascii 1.0\ncomment TextureFile print.png\nelement vertex 4\n{properties}element face 1\n"
-    (tmp_path / "a.ply").write_text(f"{head}property list uchar int vertex_indices\nend_header\n{rows}4 0 1 2 3\n")
-    picture, _ = show(tmp_path / "a.ply")
+    up = np.column_stack([UV[:, 0], 1 - UV[:, 1]])
+    names, rows = ("xyz", POINTS) if of_faces else ("xyzst", np.column_stack([POINTS, up]))
+    head = ["ply", "format ascii 1.0", "comment TextureFile print.png", "element vertex 4"]
+    head += [*(f"property float {name}" for name in names), "element face 2", "property list uchar int vertex_indices"]
+    head += ["property list uchar float texcoord"] if of_faces else []
+    body = [" ".join(map(str, row)) for row in rows]
+    for face in FACES.tolist():
+        body.append(" ".join(map(str, [3, *face, *([6, *up[face].ravel()] if of_faces else [])])))
+    (tmp_path / "a.ply").write_text("\n".join([*head, "end_header", *body, ""]))
+    picture, said = show(tmp_path / "a.ply")
     assert quarters(picture) == pytest.approx(COLOURS, abs=4e-3)
+    assert said == []
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
@@ -263,7 +232,7 @@ def test_a_textured_mesh_that_trimesh_writes_is_shown(tmp_path, kind, factor):
     trimesh.Trimesh(POINTS, FACES, process=False, visual=visual).export(tmp_path / f"a.{kind}")
     shown, said = show(tmp_path / f"a.{kind}")
     assert quarters(shown) == pytest.approx(COLOURS * [factor / 255, 1, 1], abs=5e-3)
-    assert said == (["specular reflection ignored: material_0"] if kind == "obj" else [])
+    assert said == (["ks ignored: material_0"] if kind == "obj" else [])
 
 
 def plain_meshes():

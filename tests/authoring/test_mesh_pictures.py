@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from mesh_cards import LUMINANCE, UV, Gltf, blocks, linear, quarters, show
+from mesh_cards import LUMINANCE, POINTS, UV, Gltf, blocks, linear, quarters, show
 from written_scenes import VARIANT
 
 FOUR = blocks((255, 0, 0), (0, 255, 0), (0, 0, 255), (188, 188, 188))
@@ -78,18 +78,17 @@ def one_vertex_colour_times_texture(file):
     ]
 
 
-def old_gloss(file):
-    diffuse = {"diffuseFactor": [0.5, 0.5, 1, 1], "diffuseTexture": {"index": file.add_texture(FOUR)}}
-    material = file.add_material(extensions={"KHR_materials_pbrSpecularGlossiness": diffuse})
-    return {"material": material}, COLOURS * [0.5, 0.5, 1]
-
-
 def no_material(file):
     return {}, [[0.6] * 3] * 4
 
 
 def default_colour(file):
     return {"material": file.add_material()}, [[1, 1, 1]] * 4
+
+
+def unstated_material(file):
+    file.json["materials"] = [{}]
+    return {"material": 0}, [[1, 1, 1]] * 4
 
 
 def webp(file):
@@ -111,9 +110,9 @@ def webp(file):
         partial(vertex_colours, kind="u2"),
         vertex_colours_times_factor,
         one_vertex_colour_times_texture,
-        old_gloss,
         no_material,
         default_colour,
+        unstated_material,
         webp,
     ],
 )
@@ -126,100 +125,20 @@ def test_colours_of_gltf_are_multiplied_in_linear_light(tmp_path, make, suffix):
     assert quarters(picture) == pytest.approx(np.array(expected), abs=8e-3)
 
 
-@pytest.mark.parametrize("grey", [False, True])
-def test_vertex_colours_times_a_texture_have_the_right_luminance(tmp_path, grey):
-    file = Gltf()
-    stored = np.repeat(CORNERS.mean(axis=1, keepdims=True), 3, axis=1) if grey else CORNERS
-    number = file.add_texture(LIGHT, sampler={"magFilter": 9728})
-    material = file.add_material(pbr={"baseColorTexture": {"index": number}, "baseColorFactor": [1, 0.5, 0.8, 1]})
-    file.add_card(material=material, attributes={"COLOR_0": file.add_array(stored)})
-    picture, _ = show(file.save(tmp_path / "a.glb"), samples=4096)
-    texels = linear([LIGHT[0, 0], LIGHT[0, 7], LIGHT[7, 0], LIGHT[7, 7]]) * [1, 0.5, 0.8]
-    assert quarters(picture) @ LUMINANCE == pytest.approx((at_quarters(stored) * texels) @ LUMINANCE, rel=0.05)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("mixed", [False, True])
-def test_the_variant_that_renders_stacks_shows_the_same_luminance(tmp_path, mixed):
-    """A card with a tinted picture, colours of vertices or none, opacity and emission."""
+@pytest.mark.parametrize("emits", [False, True])
+def test_the_variant_that_renders_stacks_shows_the_same_luminance(tmp_path, emits):
+    """A card with a tinted picture, and opacity or emission."""
     file = Gltf()
     number = file.add_texture(LIGHT, sampler={"magFilter": 9728})
     pbr = {"baseColorTexture": {"index": number}, "baseColorFactor": [1, 0.5, 0.8, 0.5]}
-    glow = {"emissiveFactor": [0.2, 0.4, 1], "emissiveTexture": {"index": number}}
-    material = file.add_material(pbr=pbr, alphaMode="BLEND", **glow)
-    file.add_card(material=material, attributes={"COLOR_0": file.add_array(CORNERS)} if mixed else {})
+    glow = {"emissiveFactor": [0.2, 0.4, 1], "emissiveTexture": {"index": number}} if emits else {"alphaMode": "BLEND"}
+    file.add_card(material=file.add_material(pbr=pbr, **glow))
     picture, _ = show(file.save(tmp_path / "a.glb"), samples=4096, variant=VARIANT)
     texels = linear([LIGHT[0, 0], LIGHT[0, 7], LIGHT[7, 0], LIGHT[7, 7]])
-    colour = texels * [1, 0.5, 0.8] * (at_quarters(CORNERS) if mixed else 1)
-    expected = (0.5 * (colour + texels * [0.2, 0.4, 1])) @ LUMINANCE + 0.5
+    colour = (texels * [1, 0.5, 0.8]) @ LUMINANCE
+    expected = colour + (texels * [0.2, 0.4, 1]) @ LUMINANCE if emits else 0.5 * colour + 0.5
     assert quarters(picture)[:, 0] == pytest.approx(expected, rel=0.03)
-
-
-def turned(uv, *, offset=(0, 0), rotation=0.0, scale=(1, 1)):
-    """Return texture coordinates after KHR_texture_transform: scaled, turned counter-clockwise as seen, and moved."""
-    u, v = (np.asarray(uv, float) * scale).T
-    cos, sin = np.cos(rotation), np.sin(rotation)
-    return np.column_stack([u * cos + v * sin + offset[0], v * cos - u * sin + offset[1]])
-
-
-@pytest.mark.parametrize(
-    "transform",
-    [
-        {},
-        {"offset": [0.5, 0]},
-        {"offset": [0, 0.5]},
-        {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]},  # the example of the extension's page
-        {"rotation": -np.pi / 2},
-        {"rotation": np.pi},
-        {"scale": [2, 1]},
-        {"scale": [1, -1], "offset": [0, 1]},
-        {"offset": [0.25, 0.5], "rotation": np.pi / 2, "scale": [1.0, 0.5]},
-    ],
-)
-def test_a_texture_transform_moves_turns_and_scales(tmp_path, transform):
-    file = Gltf()
-    fine = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8).repeat(4, 0).repeat(4, 1)
-    number = file.add_texture(fine, sampler={"magFilter": 9728})
-    base = {"index": number, "extensions": {"KHR_texture_transform": transform}}
-    file.add_card(material=file.add_material(pbr={"baseColorTexture": base}))
-    picture, _ = show(file.save(tmp_path / "a.glb"), size=16)
-    places = np.array([(3, 3), (3, 11), (12, 4), (11, 13)])
-    u, v = (np.floor(turned((places[:, ::-1] + 0.5) / 16, **transform) * 32).astype(int) % 32).T
-    assert picture[tuple(places.T)] == pytest.approx(linear(fine[v, u]), abs=0.01)
-
-
-def test_the_example_of_the_extension_shows_the_lower_left_quarter(tmp_path):
-    file = Gltf()
-    transform = {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5]}
-    base = {"index": file.add_texture(FOUR), "extensions": {"KHR_texture_transform": transform}}
-    file.add_card(material=file.add_material(pbr={"baseColorTexture": base}))
-    picture, _ = show(file.save(tmp_path / "a.glb"))
-    assert quarters(picture) == pytest.approx(np.tile(COLOURS[2], (4, 1)), abs=5e-3)
-
-
-@pytest.mark.parametrize(
-    ("sets", "use"),
-    [
-        ((UV * 0, UV), {"texCoord": 1}),
-        ((UV, UV * 0), {"texCoord": 0}),
-        ((UV * 0, UV * 0, UV), {"texCoord": 2}),
-        ((UV * 0, UV), {"texCoord": 0, "extensions": {"KHR_texture_transform": {"texCoord": 1}}}),
-    ],
-)
-def test_a_texture_uses_the_set_of_coordinates_that_it_names(tmp_path, sets, use):
-    file = Gltf()
-    file.add_card(material=file.add_material(**texture(file, **use)), uv=sets)
-    picture, _ = show(file.save(tmp_path / "a.glb"))
-    assert quarters(picture) == pytest.approx(COLOURS, abs=4e-3)
-
-
-@pytest.mark.parametrize(("kind", "top"), [("u1", 255), ("u2", 65535)], ids=["bytes", "shorts"])
-def test_normalised_coordinates_are_fractions(tmp_path, kind, top):
-    file = Gltf()
-    coordinates = file.add_array((UV * top).astype(kind), normalized=True)
-    file.add_card(material=file.add_material(**texture(file)), uv=(), attributes={"TEXCOORD_0": coordinates})
-    picture, _ = show(file.save(tmp_path / "a.glb"))
-    assert quarters(picture) == pytest.approx(COLOURS, abs=4e-3)
 
 
 @pytest.mark.parametrize(("code", "expected"), [(10497, [0, 1, 2, 3]), (33071, [3, 3, 3, 3]), (33648, [2, 3, 0, 1])])
@@ -261,21 +180,6 @@ def test_what_is_clear_shows_the_background(tmp_path, more, factor, shown):
     assert quarters(picture)[:, 0] == pytest.approx(1 - np.array(shown), abs=0.03)
 
 
-@pytest.mark.parametrize("with_texture", [False, True])
-def test_the_opacity_of_vertices_is_kept(tmp_path, with_texture):
-    file = Gltf()
-    alpha = np.float32([0.2, 0.5, 0.9, 0.6])
-    pbr = {"baseColorFactor": [0, 0, 0, 1]}
-    if with_texture:
-        pbr["baseColorTexture"] = {"index": file.add_texture(np.full((4, 4, 4), (255, 255, 255, 128), np.uint8))}
-    colours = file.add_array(np.column_stack([np.ones((4, 3), np.float32), alpha]))
-    material = file.add_material(pbr=pbr, alphaMode="BLEND")
-    file.add_card(material=material, attributes={"COLOR_0": colours})
-    picture, _ = show(file.save(tmp_path / "a.glb"), samples=1024)
-    share = 128 / 255 if with_texture else 1
-    assert quarters(picture)[:, 0] == pytest.approx(1 - at_quarters(alpha) * share, abs=0.03)
-
-
 @pytest.mark.parametrize(
     ("factor", "strength", "with_picture"),
     [((0.5, 0.25, 1), None, False), ((1, 1, 1), 7.5, False), ((1, 0.5, 0.25), 4, True), ((1, 1, 1), None, True)],
@@ -293,21 +197,6 @@ def test_emission_is_the_product_of_factor_picture_and_strength(tmp_path, factor
     assert quarters(picture) == pytest.approx(expected, rel=1e-2, abs=1e-3)
     assert said == []
     assert "room: [room, mesh_card]" in (tmp_path / "shown/scene.yaml").read_text()
-
-
-@pytest.mark.parametrize("mode", ["MASK", "BLEND", "OPAQUE"])
-@pytest.mark.parametrize("with_picture", [False, True])
-def test_what_is_clear_does_not_emit(tmp_path, mode, with_picture):
-    """The card is black and emits 2; the picture of the emission has another size than that of the opacity."""
-    file = Gltf()
-    pbr = {"baseColorTexture": {"index": file.add_texture(ALPHA)}, "baseColorFactor": [0, 0, 0, 0.9]}
-    glow = {"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 2}}}
-    if with_picture:
-        glow["emissiveTexture"] = {"index": file.add_texture(np.full((2, 4, 3), 255, np.uint8))}
-    file.add_card(material=file.add_material(pbr=pbr, alphaMode=mode, alphaCutoff=0.6, **glow))
-    picture, _ = show(file.save(tmp_path / "a.glb"), samples=1024)
-    shown = {"MASK": (SHARE * 0.9 >= 0.6).astype(float), "BLEND": SHARE * 0.9, "OPAQUE": np.ones(4)}[mode]
-    assert quarters(picture)[:, 0] == pytest.approx(2 * shown + 1 - shown, abs=0.04)
 
 
 @pytest.mark.parametrize(
@@ -337,3 +226,21 @@ def test_a_mirrored_lamp_still_shines_from_its_front(tmp_path, scale, with_norma
     file.add_card(material=material, attributes=normals, node={"scale": scale})
     picture, _ = show(file.save(tmp_path / "a.glb"))
     assert picture.mean() == pytest.approx(0 if scale[2] < 0 else 1, abs=1e-3)
+
+
+def test_the_parts_of_a_mesh_keep_their_materials_below_moved_nodes(tmp_path):
+    """trimesh names them 0, 0_1 and so on; a node without a name moves them, and a camera between changes nothing."""
+    file = Gltf()
+    red, green = (file.add_material(pbr={"baseColorFactor": colour}) for colour in ([1, 0, 0, 1], [0, 1, 0, 1]))
+    half = POINTS * np.float32([0.5, 1, 1])
+    left = file.add_mesh(points=half - np.float32([0.5, 0, 0]), material=red)
+    right = file.add_mesh(points=half + np.float32([0.5, 0, 0]), material=green)
+    file.json["meshes"][left]["primitives"] += file.json["meshes"].pop(right)["primitives"]
+    child = file.add_node(mesh=left, name="pair", scale=[-1, 1, 1], in_scene=False)
+    eye = file.add_node(camera=0, name="eye", children=[child], scale=[-3, 3, 3], in_scene=False)
+    file.add_node(children=[eye], translation=[7, 8, 9])
+    file.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}]
+    picture, said = show(file.save(tmp_path / "a.glb"))
+    assert quarters(picture) == pytest.approx(np.array([[1, 0, 0], [0, 1, 0]] * 2), abs=1e-3)
+    assert said == ["cameras ignored: eye"]
+    assert "target: [mesh_pair_1, mesh_pair_2]" in (tmp_path / "shown/scene.yaml").read_text()

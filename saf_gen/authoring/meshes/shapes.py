@@ -1,22 +1,28 @@
-"""What a mesh file holds: shapes of triangles with their surfaces, and what was left out."""
+"""What a mesh file holds: shapes of triangles with their surfaces, what was left out, and the files that it names."""
 
-from collections.abc import Mapping
+import io
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Literal
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
 
 import numpy as np
+from PIL import Image, UnidentifiedImageError
 
-from saf_gen.errors import BadInput
+from saf_gen.core.config.document import check_plain_file
+from saf_gen.errors import BadInput, closest
 
 GREY = (0.6, 0.6, 0.6)
 """Reflectance of a surface for which a file states no colour."""
-MAX_SHAPES, MAX_CORNERS = 1_000, 30_000_000
-MAX_SIDES = 400
-"""Largest number of sides of a polygon that is not convex; its triangulation takes time in proportion to the cube."""
+MAX_BYTES, MAX_SHAPES, MAX_CORNERS = 1 << 29, 1_000, 30_000_000
+MAX_PIXELS = 1 << 27
+"""Of all pictures of a mesh together: eight of 4096 × 4096."""
 HUGE = 1e30
 """Limit of all numbers: single precision, in which Mitsuba computes, ends at 3·10³⁸."""
 NAMED = 6  # shapes that a line names; the others are counted
+PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF")
+PICTURE_MODES = ("1", "L", "LA", "P", "RGB", "RGBA")
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,7 @@ class Surface:
     picture : ndarray or None
         sRGB-coded colours and opacity, uint8 (rows, columns, 4). Its first row is at v = 0.
     opacity : float
-        Factor of the opacity of the picture and of the vertices.
+        Factor of the opacity of the picture.
     alpha : {'opaque', 'mask', 'blend'}
         Whether opacity is ignored, compared with the cutoff, or used.
     cutoff : float
@@ -75,7 +81,7 @@ class Shape:
     uv : ndarray or None
         Texture coordinates, float64 (vertex, 2); v points down in the picture.
     colours : ndarray or None
-        Linear colours and opacity of the vertices, float64 (vertex, 4).
+        Linear colours of the vertices, float64 (vertex, 3).
     flat : bool
         Whether triangles are shaded as planes; otherwise, missing normals are interpolated.
     """
@@ -111,43 +117,39 @@ def _listed(names: list[str]) -> str:
 
 
 def checked(shape: Shape, left_out: LeftOut, *, path: Path) -> Shape:
-    """Return a shape with finite values, existing vertices that its triangles use, and usable normals.
+    """Return a shape with finite values, existing vertices that its triangles use, and usable normals."""
 
-    Raises BadInput if a value is not finite, a triangle names a vertex that does not exist, or an emission is negative.
-    """
+    def refusal(problem: str) -> BadInput:
+        return BadInput(problem, where=str(path), hint="export it again")
+
     of = f" of {shape.name!r}" if shape.name else ""
     count = len(shape.points)
-    values: Mapping[str, np.ndarray | None] = {
-        "coordinate": shape.points,
-        "normal": shape.normals,
-        "texture coordinate": shape.uv,
-        "colour": shape.colours,
+    columns = {
+        "coordinate": (shape.points, 3),
+        "normal": (shape.normals, 3),
+        "texture coordinate": (shape.uv, 2),
+        "colour": (shape.colours, 3),
     }
-    for what, array in values.items():
+    for what, (array, width) in columns.items():
+        if array is not None and array.shape != (count, width):
+            raise refusal(f"{len(array)} {what}s{of} do not fit {count} vertices")
         if array is not None and not (np.abs(array) < HUGE).all():
-            raise BadInput(f"a {what}{of} is not a finite number", where=str(path), hint="export it again")
-    glow = shape.surface.emission
-    if not all(0 <= radiance < HUGE for radiance in glow):
-        said = " ".join(f"{radiance:.6g}" for radiance in glow)
-        raise BadInput(f"the emission{of} is {said}", where=str(path), allowed="0 or more", hint="correct its material")
-    if shape.triangles.size and not (shape.triangles.min() >= 0 and shape.triangles.max() < count):
-        low, high = int(shape.triangles.min()), int(shape.triangles.max())
-        raise BadInput(
-            f"a face{of} names the vertex {low if low < 0 else high}, but the number of vertices is {count}",
-            where=str(path),
-            hint="export it again",
-        )
+            raise refusal(f"a {what}{of} is not a finite number")
+    low, high = int(shape.triangles.min()), int(shape.triangles.max())
+    if low < 0 or high >= count:
+        raise refusal(f"a face{of} names the vertex {low if low < 0 else high}, but the number of vertices is {count}")
+    if not all(0 <= radiance < HUGE for radiance in shape.surface.emission):
+        stated = " ".join(f"{radiance:.6g}" for radiance in shape.surface.emission)
+        raise BadInput(f"the emission{of} is {stated}", where=str(path), allowed="0 or more", hint="correct it")
+    if any(shape.surface.emission) and shape.surface.alpha != "opaque":
+        raise BadInput(f"the surface{of} emits light and is not opaque", where=str(path), hint="make it one of them")
+    pictured = shape.surface.picture is not None or shape.surface.emission_picture is not None
+    if pictured and shape.uv is None:
+        raise refusal(f"the faces{of} have a texture and no texture coordinates")
     used, triangles = np.unique(shape.triangles, return_inverse=True)
-    if used.size < count:
-        uv, normals, colours = (None if a is None else a[used] for a in (shape.uv, shape.normals, shape.colours))
-        shape = replace(
-            shape,
-            points=shape.points[used],
-            triangles=triangles.reshape(-1, 3),
-            uv=uv,
-            normals=normals,
-            colours=colours,
-        )
+    normals, uv, colours = (None if a is None else a[used] for a in (shape.normals, shape.uv, shape.colours))
+    triangles = triangles.reshape(-1, 3)
+    shape = replace(shape, points=shape.points[used], triangles=triangles, normals=normals, uv=uv, colours=colours)
     if shape.normals is not None:
         length = np.linalg.norm(shape.normals, axis=1, keepdims=True)
         if (length < 1e-12).any():
@@ -157,89 +159,112 @@ def checked(shape: Shape, left_out: LeftOut, *, path: Path) -> Shape:
     return shape
 
 
-def triangulate(points: np.ndarray, counts: np.ndarray, *, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Split polygons into triangles.
-
-    Convex polygons become a fan around their first corner; others are cut ear by ear in their mean plane.
-
-    Parameters
-    ----------
-    points : ndarray
-        Coordinates of all corners of all polygons, float64 (corner, 3).
-    counts : ndarray
-        Number of corners of each polygon, int64 (polygon,).
-    path : Path
-        The file, for messages.
-
-    Returns
-    -------
-    corners, polygons : ndarray
-        Corners of each triangle, int64 (triangle, 3), and its polygon, int64 (triangle,).
-
-    Raises
-    ------
-    BadInput
-        If a polygon is not convex and has more than MAX_SIDES sides.
-    """
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]) if counts.size else counts
-    corners, polygons = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
-    for sides in np.unique(counts[counts >= 3]):
-        of = np.flatnonzero(counts == sides)
-        at = starts[of][:, None] + np.arange(sides)
-        fan = np.stack([at[:, [0] * (sides - 2)], at[:, 1:-1], at[:, 2:]], axis=-1)
-        if sides > 3:
-            for k in np.flatnonzero(~_convex(points[at])):
-                fan[k] = at[k][_cut_ears(points[at[k]], path)]
-        corners.append(fan.reshape(-1, 3))
-        polygons.append(np.repeat(of, sides - 2))
-    return np.concatenate(corners), np.concatenate(polygons)
+def load(reader: Callable[..., dict[str, Any]], data: bytes, *, path: Path, **how: Any) -> dict[str, Any]:
+    """Return what one of trimesh's readers returns for the content of a file; raise BadInput if it fails."""
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "string or file could not be read to its end")  # numpy's for bad numbers
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            return reader(io.BytesIO(data), **how)
+    except Exception as error:  # an untrusted file, read by a library that may raise any exception
+        why = f"{type(error).__name__}: {' '.join(str(error).split()) or 'it is not complete'}"
+        raise BadInput(f"the mesh is damaged: {why}", where=str(path), hint="export or download it again") from error
 
 
-def _convex(rings: np.ndarray) -> np.ndarray:
-    """Return which polygons (polygon, side, 3) turn in one direction at every corner."""
-    edges = np.roll(rings, -1, axis=1) - rings
-    turns = np.cross(np.roll(edges, 1, axis=1), edges)
-    normal = turns.sum(axis=1, keepdims=True)
-    along = (turns * normal).sum(axis=-1)
-    return np.asarray((along >= -1e-9 * np.abs(along).max(axis=1, keepdims=True)).all(axis=1))
+def as_array(values: Any, kind: type = np.float64) -> np.ndarray:
+    return np.asarray(values).astype(kind)
 
 
-def _cut_ears(ring: np.ndarray, path: Path) -> np.ndarray:
-    """Return the triangles of a polygon (side, 3) that is not convex, int64 (side - 2, 3)."""
-    if len(ring) > MAX_SIDES:
-        raise BadInput(
-            f"a face has {len(ring)} sides and is not convex",
-            where=str(path),
-            allowed=f"up to {MAX_SIDES} sides",
-            hint="export it with triangles",
-        )
-    following = np.roll(ring, -1, axis=0)
-    normal = np.cross(ring - ring[0], following - ring[0]).sum(axis=0)
-    drop = int(np.abs(normal).argmax())
-    flat = np.delete(ring, drop, axis=1) * ([1, 1] if (normal[drop] > 0) == (drop != 1) else [1, -1])
-    left, found = list(range(len(ring))), []
-    while len(left) > 3:
-        ears = (k for k in range(len(left)) if _is_ear(flat[left], k))
-        k = next(ears, 0)  # a polygon that crosses itself may have none
-        found.append([left[k - 1], left[k], left[(k + 1) % len(left)]])
-        del left[k]
-    return np.array([*found, left])
+def uv_of(visual: Any) -> np.ndarray | None:
+    """Return texture coordinates of trimesh, whose v points up."""
+    uv = getattr(visual, "uv", None)
+    return None if uv is None else as_array(uv) * [1, -1] + [0, 1]
 
 
-def _is_ear(ring: np.ndarray, k: int) -> bool:
-    """Return whether corner k of a polygon (side, 2) is convex and its triangle holds no other corner."""
-    triangle = ring[[k - 1, k, (k + 1) % len(ring)]]
-    if _area(triangle[:2], triangle[2]) <= 0:
-        return False
-    others = np.delete(ring, [k, k - 1 if k else len(ring) - 1, (k + 1) % len(ring)], axis=0)
-    inside = [_area(triangle[[n, (n + 1) % 3]], others) >= 0 for n in range(3)]
-    return not (inside[0] & inside[1] & inside[2]).any()
+def optional(values: Any) -> np.ndarray | None:
+    return None if values is None else as_array(values)
 
 
-def _area(side: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Return twice the signed area of triangles on a side (2, 2), by their third corners (..., 2)."""
-    (a, b), c = side, corner
-    return np.asarray((b[0] - a[0]) * (c[..., 1] - a[1]) - (b[1] - a[1]) * (c[..., 0] - a[0]))
+# Files that a mesh names, and pictures
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file; raise BadInput if it cannot be read or is larger than MAX_BYTES."""
+    try:
+        check_plain_file(path, max_bytes=MAX_BYTES)
+        return path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}") from error
+
+
+def read_beside(name: str, mesh: Path, *, what: str) -> bytes:
+    """Return the content of a file that a mesh names, which must be in its folder after links are followed."""
+    folder = mesh.parent.resolve()
+    hint = f"copy it beside {mesh.name} and name it from there"
+    try:
+        file = (folder / name.replace("\\", "/")).resolve(strict=True)
+    except (OSError, RuntimeError, ValueError):  # also a circular link, a NUL, a name that is too long
+        near = closest(PurePosixPath(name.replace("\\", "/")).name, [p.name for p in folder.iterdir()])
+        raise BadInput(f"the {what} {name!r} does not exist", where=str(mesh), nearest=near, hint=hint) from None
+    if not file.is_relative_to(folder):
+        raise BadInput(f"the {what} {name!r} is outside the mesh's folder", where=str(mesh), hint=hint)
+    return read_bytes(file)
+
+
+class Pictures:
+    """The pictures of a mesh, each decoded once, and of no more than MAX_PIXELS together."""
+
+    def __init__(self, mesh: Path) -> None:
+        self.mesh = mesh
+        self._known: dict[object, np.ndarray] = {}
+
+    def named(self, name: str) -> np.ndarray:
+        """Return the picture in a file that the mesh names; see :meth:`pixels`."""
+        data = b"" if name in self._known else read_beside(name, self.mesh, what="texture")
+        return self.pixels(name, lambda: Image.open(io.BytesIO(data), formats=PICTURE_FORMATS), name=name)
+
+    def pixels(self, key: object, opened: Callable[[], Any], *, name: str) -> np.ndarray:
+        """Return the sRGB-coded colours and the opacity of one of Pillow's images, uint8 (rows, columns, 4).
+
+        Raises BadInput if it is None or damaged, has other values than 8 bits or several pages, or is too large.
+        """
+        if key not in self._known:
+            left = MAX_PIXELS - sum(known.shape[0] * known.shape[1] for known in self._known.values())
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error", Image.DecompressionBombWarning)
+                    warnings.simplefilter("ignore", UserWarning)  # about metadata
+                    self._known[key] = _decode(opened(), most=left)
+            except Exception as error:  # an untrusted picture, read by a library that may raise any exception
+                unknown = isinstance(error, UnidentifiedImageError)  # its message names the object in memory
+                reason = "it is no picture" if unknown else " ".join(str(error).split())
+                raise BadInput(
+                    f"the texture {name!r} cannot be read: {reason}",
+                    where=str(self.mesh),
+                    allowed=", ".join(PICTURE_FORMATS),
+                    hint="convert it to PNG of 8 bits",
+                ) from error
+        return self._known[key]
+
+
+def _decode(image: Any, *, most: int) -> np.ndarray:
+    """Return the pixels of an image, uint8 (rows, columns, 4); raise anything if it cannot be read."""
+    if image is None or image.format not in PICTURE_FORMATS:
+        raise ValueError("it is no picture")
+    if image.width * image.height > most:
+        raise ValueError(f"the textures have more than {MAX_PIXELS:,} pixels")
+    if getattr(image, "n_frames", 1) > 1:
+        raise ValueError("it has several pages")
+    if image.mode not in PICTURE_MODES:
+        raise ValueError(f"its values are of Pillow's mode {image.mode}, not grey or RGB of 8 bits")
+    return np.asarray(image.convert("RGBA"))
+
+
+def encode_png(pixels: np.ndarray) -> bytes:
+    """Return a PNG file of uint8 pixels (rows, columns) or (rows, columns, 3)."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, "PNG")
+    return buffer.getvalue()
 
 
 def srgb_to_linear(coded: np.ndarray) -> np.ndarray:
