@@ -259,7 +259,7 @@ def test_an_imported_file_is_exported_as_it_was(call, tmp_path):
     raw[:, :, 50:] = 0
     foreign, stream, back = tmp_path / "a.dat", tmp_path / "a.h5", tmp_path / "b.dat"
     foreign.write_bytes(raw.tobytes())
-    code, out, _ = call("import", foreign, "--out", stream)
+    code, out, _ = call("import", foreign, "--layout", "416", "--out", stream)
     assert code == 0
     assert "3 frames of 400×250" in out
     assert call("export", stream, "--out", back, "--for", "saf")[0] == 0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from saf_gen.addons.calibrate.estimates import Estimate
     from saf_gen.addons.calibrate.recordings import Recording
 
-Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
+Layout = Annotated[str | None, typer.Option(help="Layout of raw files, which do not state it: 416, dense or sps1000.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not contain it.")]
 
 
@@ -35,7 +35,7 @@ def compare_command(
         str | None, typer.Option(help="Compare this sensor with published figures of real cameras.")
     ] = None,
     mean_rate: Annotated[float, typer.Option(help="Mean rate of two compared sensors, spikes per readout.")] = 0.2,
-    layout: Layout = "auto",
+    layout: Layout = None,
     rate: Rate = 20_000.0,
     seed: Annotated[int, typer.Option(help="Seed of the devices and their noise.")] = 1,
     as_json: AsJson = False,
@@ -104,7 +104,7 @@ def fit_command(
     ] = None,
     base: Annotated[str, typer.Option(help="Sensor with the values that flat fields do not give.")] = "vidar_400x250",
     folder: OutFolder = None,
-    layout: Layout = "auto",
+    layout: Layout = None,
     rate: Rate = 20_000.0,
 ) -> None:
     """Fit a sensor to flat fields and a dark recording; write its file with intervals, plots, and a mask of bad pixels.
@@ -190,7 +190,7 @@ def _print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
 
 
 def _compared_statistics(
-    names: list[str], bars: Progress, *, mean_rate: float, layout: str, rate: float, seed: int
+    names: list[str], bars: Progress, *, mean_rate: float, layout: str | None, rate: float, seed: int
 ) -> list["Figures"]:
     """Return the statistics of each sensor or recording in ``names``, in that order."""
     from saf_gen.addons.calibrate.comparison import encode_again, recording_statistics, sensor_statistics
