@@ -25,7 +25,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "tune": ("tune mine --method sd+sgfs_code --try search.dt=25,50 --out best.json",),
     "score": ("score recording.h5 --measure sd --window 100 --out curve.csv",),
     "import": (
-        "import camera.dat --layout dense --out recording.h5 --focus lens.csv --truth 0.42",
+        "import camera.dat --layout dense --out recording.h5 --focus lens.csv",
         "import spikes.mat --axes YXT --out recording.h5 --key spk --rate 40000",
         "import camera.raw --out recording.h5 --size 600x400 --bits msb",
     ),
