@@ -55,6 +55,9 @@ def import_command(
     axes: Annotated[
         str | None, typer.Option(help="Order of time, rows and columns, which no array states, such as TYX or YXT.")
     ] = None,
+    kind: Annotated[
+        str, typer.Option(help="What a 1 is, which no file states: spikes, or photons of a single-photon array.")
+    ] = "spikes",
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to import (default: all).")] = None,
     rate: Rate = 20_000.0,
     flip: Annotated[
@@ -77,15 +80,19 @@ def import_command(
 ) -> None:
     """Convert a recording from another program to a stream, with its lens log, light log and true focus if given."""
     from saf_gen.stream import interop
+    from saf_gen.stream.metadata import KINDS
 
     if file.is_dir():
-        options = {"--layout": layout, "--size": size, "--bits": order, "--axes": axes, "--frames": frames,
+        options = {"--layout": layout, "--size": size, "--bits": order, "--axes": axes,
+                 "--kind": kind != "spikes", "--frames": frames,
                  "--flip": flip is not None, "--key": key,
                  "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus,
                  "--mask": mask, "--times": times}  # fmt: skip
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
     _check_stream_output(file, target)
+    if kind not in KINDS:
+        raise unknown("kind of recording", kind, allowed=KINDS)
     source, how = _open_source(
         file, layout=layout, size=parse_size(size), order=order, axes=axes, frames=frames, flip=flip, key=key
     )
@@ -101,8 +108,8 @@ def import_command(
     if readouts is not None:
         fields |= {"kept": readouts.kept, "readout": readouts.of_gaps}
     is_masked = bad is not None and bool(bad.any())
-    digest = interop.write_source(source, target, readout_hz=rate, mask=bad if is_masked else None, **fields)
-    _print_written_stream(target, f"read as {how}, sha256 {digest[:16]}")
+    digest = interop.write_source(source, target, readout_hz=rate, kind=kind, mask=bad if is_masked else None, **fields)
+    _print_written_stream(target, f"{kind} read as {how}, sha256 {digest[:16]}")
     if bad is not None:
         number = plural(int(np.count_nonzero(bad)), "bad pixel")
         out.print(f"mask: {f'{number}, filled in counts and pictures' if is_masked else 'no bad pixel'}")
@@ -340,6 +347,8 @@ def export_command(
         for name, value in (("mask of bad pixels", held.mask), ("lost readouts", held.readout))
         if value is not None
     ]
+    if held.kind != "spikes":
+        err.print(f"a raw file cannot say that it holds {held.kind}: saf-gen import FILE --kind {held.kind} states it")
     if lost:
         err.print(
             f"a raw file cannot hold what the stream says of its {' and '.join(lost)}: it has the recorded frames"
@@ -440,10 +449,13 @@ def view_command(
 ) -> None:
     """Draw pictures of a recording, together with its lens position, light, truth and scores."""
     from saf_gen.benchmark.admission import admit_measure
+    from saf_gen.benchmark.camera_kinds import check_law
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
     with open_recording(stream) as opened:
+        for name in measure or ():
+            check_law(name, opened.counted)
         pictures = write_view(
             opened,
             target,

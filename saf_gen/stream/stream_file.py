@@ -18,7 +18,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import h5py
 import numpy as np
@@ -158,9 +158,9 @@ class SpikeStream:
         Gain of each light group in each frame, from ``metadata``.
     light_names : tuple of str
         Names of the light groups, from ``metadata``.
+    counted : str
+        What a 1 stands for: ``spikes`` or ``photons``, from ``metadata``.
     """
-
-    counted: ClassVar[str] = "spikes"
 
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
@@ -203,6 +203,7 @@ class SpikeStream:
             sharp = None if self._sharp is None else stated_digest(file, where)
             self._check_digests(small.items(), str(spikes), sharp=sharp)
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
+        self.counted = self.metadata.kind
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
         self._mask = None if self.metadata.mask is None else PixelMask(self.metadata.mask)
         read = choose_chunk_reader(self._spikes)
