@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from saf_gen.optics.lens_file.fitted_file import read_lens, shipped_lenses
+from saf_gen.optics.fitted_file import read_lens, shipped_lenses
 from saf_gen.optics.texture_contrast import Imaging, contrast_curve, squared_contrast
 from saf_gen.optics.wavefront import Wavefront
 

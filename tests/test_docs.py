@@ -33,7 +33,7 @@ from saf_gen import SpikeWindows
 from saf_gen.benchmark.method_folder import CARD, MethodCard
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.benchmark.records import KEYS_WHERE_KNOWN
-from saf_gen.cli import GROUPS_THAT_TAKE_ARGUMENTS, main, root_command
+from saf_gen.cli import main, root_command
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.optics.lens_card import LensCard
@@ -122,7 +122,7 @@ def split_env(words: list[str]) -> tuple[dict[str, str], list[str]]:
 def test_a_command_that_is_named_exists_with_its_options(words):
     command, rest = COMMAND, [word for word in words if not word.startswith("[")]
     while hasattr(command, "commands") and rest:
-        name = GROUPS_THAT_TAKE_ARGUMENTS.get(command.name) if rest[0] not in command.commands else rest.pop(0)
+        name = rest.pop(0)
         assert name in command.commands, f"there is no command {' '.join(words)!r}"
         command = command.commands[name]
     known = {option for parameter in command.params for option in parameter.opts} | {"--help"}

@@ -34,7 +34,7 @@ def find_port() -> int:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("words", ["for shard in 1 2 3", "dataset merge", "SLURM_ARRAY_TASK_ID"])
+@pytest.mark.parametrize("words", ["for shard in 1 2 3", "--from shard1", "SLURM_ARRAY_TASK_ID"])
 def test_a_job_array_of_the_page_makes_the_dataset(words, tmp_path):
     """The recipe is replaced by one of a small still scene, which one shard makes; the batch system by a loop."""
     (tmp_path / "quickstart.yaml").write_text(RECIPE)

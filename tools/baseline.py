@@ -173,7 +173,8 @@ class Commit:
 
     def generate_and_evaluate(self) -> None:
         """Gate 2."""
-        listed = json.loads(self.saf_gen("methods", "--json"))
+        has_list = (self.checkout / "saf_gen/cli/command.py").exists()  # before it, `methods` alone printed the list
+        listed = json.loads(self.saf_gen("methods", *(["list"] if has_list else []), "--json"))
         for dataset, cameras in DATASETS.items():
             if (recipe := read_recipe(dataset, self.checkout / "recipes")) is None:
                 continue
@@ -210,7 +211,7 @@ class Commit:
 def choose_methods(listed: dict[str, Any], *, camera: str, track: str, all_forms: bool) -> list[str]:
     """Return every measure with one search and every search with one or two measures, of those that are ``listed``.
 
-    ``listed`` is what ``saf-gen methods --json`` prints; with ``all_forms``, measures are taken in all their forms.
+    ``listed`` is what ``saf-gen methods list --json`` prints; with ``all_forms``, measures are taken in all forms.
     """
     best = "argmax" if track == "recorded" else "golden_section"
     suited = {kind: [m for m in listed[kind] if camera == "spikes" or m["name"] not in SPIKES_ONLY] for kind in listed}

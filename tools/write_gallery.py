@@ -22,8 +22,9 @@ from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.files import atomic_file, write_text
 from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
-from saf_gen.render import Renderer, make_renderer
+from saf_gen.render import make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene, SceneCard, find_scene, scene_names
 
 GAP = 10  # pixels between two images of the upper row
@@ -95,7 +96,7 @@ def thumbnail_table(names: Sequence[str]) -> str:
 class View:
     """A scene in front of its camera: depth and target, and the true focus (NaN if the target is out of sight)."""
 
-    renderer: Renderer
+    renderer: SceneRenderer
     seen: DepthAndTarget
     truth: float
 

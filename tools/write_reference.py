@@ -38,6 +38,7 @@ from saf_gen.leaderboard.tables import ranking
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema
+from saf_gen.scene.picture_card import PictureCard
 from saf_gen.scene.scene_folder import SceneCard
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -141,6 +142,11 @@ def recipe_keys() -> str:
 def card_keys() -> str:
     """Return the table of the keys of a scene card, except those of single kinds of lens."""
     return table("key", "value", "default", "meaning", rows=keys_of(SceneCard))
+
+
+def picture_keys() -> str:
+    """Return the table of the keys of the card of a photographed scene."""
+    return table("key", "value", "default", "meaning", rows=keys_of(PictureCard))
 
 
 def drive_keys() -> str:
@@ -270,6 +276,7 @@ PARTS: dict[str, Callable[[], str]] = {
         public_python,
         recipe_keys,
         card_keys,
+        picture_keys,
         drive_keys,
         light_keys,
         light_common_keys,

@@ -7,10 +7,11 @@ What belongs to the add-on NAME:
 
 - ``saf_gen/addons/NAME/``, its code. ``__init__.py`` holds a docstring and imports nothing.
 - ``saf_gen/addons/NAME/commands.py``, the functions of its commands, and ``COMMANDS``: for the words of each command,
-  such as ``"live"``, a :class:`saf_gen.cli.addons.Command` with the function, examples, the panel of the help that
-  lists it, and the line for a user who stops it. Two words, such as ``"sensors fit"``, add a command to a group of the
-  command line. Only this file imports typer and prints. ``saf-gen`` imports it at every start, so it imports the rest
-  of the add-on, and whatever is heavy, inside its functions.
+  such as ``"live"``, a :class:`saf_gen.cli.command.Command` with the function, examples, the panel of the help that
+  lists it, and the line for a user who stops it. Two words, such as ``"sensors fit"``, add a command to a group; the
+  help of a group that the core does not have stands in ``GROUPS``. Only this file imports typer and prints.
+  ``saf-gen`` imports it at every start, so it imports the rest of the add-on, and whatever is heavy, inside its
+  functions.
 - ``saf_gen/addons/NAME/scenes/``, if it has any, the scenes that its page and its tests use.
 - ``tests/addons/NAME/``, its tests, with the fixtures that only they use in a ``conftest.py``.
 - a page of its name in ``docs/addons``, which says how to use it from the command line and from Python.

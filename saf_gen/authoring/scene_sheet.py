@@ -9,8 +9,9 @@ import numpy as np
 from saf_gen.authoring.contact_sheet import ContactSheet, draw_sheet, sheet_form
 from saf_gen.camera import Sensor
 from saf_gen.core.config.ranges import is_range
-from saf_gen.render import Renderer, make_renderer
+from saf_gen.render import make_renderer
 from saf_gen.render.render_setup import SensorGrid
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import Scene
 
@@ -57,7 +58,9 @@ def make_sheet(
     return replace(sheet, sharp=sharp, small_images=small)
 
 
-def render_images(renderer: Renderer, position: float, *, samples: int, count: int) -> Iterator[tuple[str, np.ndarray]]:
+def render_images(
+    renderer: SceneRenderer, position: float, *, samples: int, count: int
+) -> Iterator[tuple[str, np.ndarray]]:
     """Yield captions and small, sharp images of members of the family and of moments of a moving scene."""
     scene, grid = renderer.scene, renderer.grid
     grid = SensorGrid(grid.rows // SHRINK, grid.columns // SHRINK, grid.pitch_m * SHRINK)

@@ -1,4 +1,4 @@
-"""New scenes: a commented template that can be rendered at once, or an exported scene with a card."""
+"""New scenes: a commented template that can be rendered at once, an exported scene with a card, or given pictures."""
 
 import json
 import re
@@ -8,12 +8,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from saf_gen.authoring.mesh_scene import is_mesh, scene_of_mesh
 from saf_gen.core.files import rename_durably, temporary_folder, unwritable
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 from saf_gen.scene.obj_file import counts_from_the_end, with_positive_indices
+from saf_gen.scene.picture_card import FOLDER, MIN_PICTURES
 from saf_gen.scene.ply_file import is_ply, triangulated_ply
-from saf_gen.scene.scene_folder import load_scene, scene_names
+from saf_gen.scene.scene_folder import CARD_FILE, load_any_scene, load_scene, scene_names
 from saf_gen.scene.xml import SceneXml, read_scene_xml
 
 if TYPE_CHECKING:
@@ -28,6 +31,8 @@ EXPORTED_SOURCE = """# NAME
 Copied from an exported scene by `saf-gen scenes new --from`.
 For each mesh and texture, state here who made it, where it is from, its licence, and what was changed.
 """
+VALUES = ("linear", "srgb")
+"""How the values of pictures may stand for light."""
 YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML does not read these as text
 
 
@@ -127,6 +132,69 @@ def scene_from_export(
     for note in dict.fromkeys((*camera.notes, *(f"mesh rewritten: {file} ({how})" for file, how in changed))):
         notify(note)
     return [root / name / file for file in (*sources, *texts)]
+
+
+def scene_from_pictures(
+    pictures: Path,
+    name: str,
+    *,
+    root: Path,
+    values: str,
+    licence: str,
+    step_um: float | None = None,
+    box: tuple[int, int, int, int] | None = None,
+) -> list[Path]:
+    """Write pictures at equal steps of the focus to ``root/name`` as a scene, and return its card and their folder.
+
+    Parameters
+    ----------
+    pictures : Path
+        Folder of pictures, in the order of the numbers in their names, or file with several.
+    name : str
+        Name of the new scene.
+    root : Path
+        Folder of scene folders.
+    values : {'linear', 'srgb'}
+        How their values stand for light.
+    licence : str
+        SPDX identifier of the licence of the pictures.
+    step_um : float, optional
+        Distance of the focus between two pictures, µm; by default it counts as not known.
+    box : tuple of int, optional
+        Left, top, columns and rows of the target in pixels of the pictures; by default all that the sensor sees.
+
+    Raises
+    ------
+    BadInput
+        If the pictures cannot be read or are fewer than three, if what is stated is not allowed or contradicts their
+        tags, or if the name cannot be used. In these cases, no file is left behind.
+    """
+    # Readers that other scenes do not need.
+    from saf_gen.stream.interop.linear_light import SRGB
+    from saf_gen.stream.interop.picture_frames import open_pictures
+
+    if values not in VALUES:
+        raise unknown("values", values, allowed=VALUES, hint="JPEG and pictures to be looked at are srgb")
+    frames = open_pictures(pictures, linear=values == "linear")
+    if values == "srgb" and frames.transfer is not SRGB:
+        raise BadInput(f"its tags say: {frames.transfer.name}", where=str(pictures), allowed="--values linear, or sRGB")
+    stated = {"step_um": step_um, "box": None if box is None else list(box)}
+    card = {
+        "id": name, "title": name, "licence": licence, "source": f"pictures {pictures.name}",
+        "pictures": {key: value for key, value in stated.items() if value is not None},
+    }  # fmt: skip
+    with _new_folder(name, root) as folder:
+        (folder / FOLDER).mkdir()
+        count = 0
+        for light in frames:
+            np.save(folder / FOLDER / f"{count:04d}.npy", np.ascontiguousarray(light, np.float32))
+            count += 1
+        if count < MIN_PICTURES:
+            raise BadInput(f"has {count} pictures", where=str(pictures), allowed=f"at least {MIN_PICTURES}")
+        lines = [f"{key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in card.items()]  # JSON is YAML
+        (folder / CARD_FILE).write_text("".join(lines), encoding="utf-8")
+        load_any_scene(folder)  # checks the card
+    return [root / name / CARD_FILE, root / name / FOLDER]
 
 
 def _copied_files(read: SceneXml, exported: Path) -> dict[str, Path]:

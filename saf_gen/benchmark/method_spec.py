@@ -204,7 +204,7 @@ def tuned_method(spec: str, parse: Callable[[str], Method]) -> Method:
 
 def of_method(error: BadInput, spec: str) -> BadInput:
     """Return an error that says which method it concerns."""
-    hint = error.hint or "`saf-gen methods` lists measures and searches"
+    hint = error.hint or "`saf-gen methods list` shows measures and searches"
     where = f"method {spec!r}"
     return BadInput(error.problem, where=where, allowed=error.allowed, nearest=error.nearest, hint=hint)
 
@@ -220,7 +220,7 @@ def split_method(spec: str) -> tuple[list[str], str, str]:
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
             hint=f"name its folder: {Path(text).parent}/"
             if Path(text).name == CARD
-            else f"try {halves[0] or 'sd'}+argmax; `saf-gen methods` lists measures and searches",
+            else f"try {halves[0] or 'sd'}+argmax; `saf-gen methods list` shows measures and searches",
         )
     return halves, text, region
 

@@ -1,7 +1,7 @@
 """The command line, which parses arguments, calls the package and prints results.
 
-Each group of commands has its own file. Commands are plain functions, which get their names in this module;
-:mod:`saf_gen.cli.addons` finds those of add-ons. Only this folder and the commands of add-ons import typer and print.
+Each file of commands ends with its ``COMMANDS``, a :class:`saf_gen.cli.command.Command` for the words that call it;
+those of add-ons are found by path. Only this folder and the commands of add-ons import typer and print.
 """
 
 import os
@@ -11,7 +11,7 @@ import sys
 import threading
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterable
 from contextlib import nullcontext, suppress
 from functools import cache
 from io import TextIOWrapper
@@ -26,7 +26,6 @@ from saf_gen.cli import (
     dataset_commands,
     evaluate_commands,
     leaderboard_commands,
-    lens_commands,
     machine_commands,
     method_commands,
     recapture_command,
@@ -35,9 +34,8 @@ from saf_gen.cli import (
     sensor_commands,
     stream_commands,
 )
-from saf_gen.cli._examples import EXAMPLES, help_ending
 from saf_gen.cli._terminal import at_work, err, out, print_error
-from saf_gen.cli.addons import FINISHED_WORK_IS_KEPT, NOTHING_WRITTEN, addon_commands
+from saf_gen.cli.command import Command, Panel, addon_commands
 from saf_gen.core import cores
 from saf_gen.core.cores import STOPPING, check_address_space
 from saf_gen.core.user_code import describe_exit
@@ -47,73 +45,28 @@ __all__ = ["main", "root_command"]
 
 STOPPED_EXIT_CODE = 130
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "generate": dataset_commands.generate_command,
-    "evaluate": evaluate_commands.evaluate_command,
-    "tune": leaderboard_commands.tune_command,
-    "score": evaluate_commands.score_command,
-    "import": stream_commands.import_command,
-    "encode": stream_commands.encode_command,
-    "export": stream_commands.export_command,
-    "cut": stream_commands.cut_command,
-    "recapture": recapture_command.recapture_command,
-    "inspect": stream_commands.inspect_command,
-    "view": stream_commands.view_command,
-    "verify": dataset_commands.verify_command,
-    "fetch": dataset_commands.fetch_command,
-    "init": machine_commands.init_command,
-    "doctor": machine_commands.doctor_command,
+FILES = (
+    dataset_commands,
+    recapture_command,
+    recipe_commands,
+    evaluate_commands,
+    method_commands,
+    leaderboard_commands,
+    stream_commands,
+    scene_commands,
+    sensor_commands,
+    machine_commands,
+)
+COMMANDS = {words: command for file in FILES for words, command in file.COMMANDS.items()}
+GROUPS = {
+    "recipes": "List and check recipes.",
+    "methods": "List focus measures and searches, show one in full, or check a method.",
+    "leaderboard": "Merge evaluations into one ranking, and verify rows.",
+    "dataset": "Make a dataset from existing streams.",
+    "scenes": "List, create, check and draw scenes.",
+    "sensors": "List, show and check sensors.",
 }
-GROUPS: dict[str, tuple[str, dict[str, Callable[..., None]]]] = {
-    "scenes": (
-        "List, create, check and draw scenes.",
-        {
-            "list": scene_commands.list_scenes_command,
-            "show": scene_commands.show_scene_command,
-            "new": scene_commands.new_scene_command,
-            "check": scene_commands.check_scenes_command,
-            "preview": scene_commands.preview_command,
-        },
-    ),
-    "lens": (
-        "Fit real lenses for scene cards, and show what they do.",
-        {"fit": lens_commands.fit_lens_command, "show": lens_commands.show_lens_command},
-    ),
-    "dataset": (
-        "Make a dataset from existing streams, or from shards in separate folders.",
-        {"index": stream_commands.index_command, "merge": dataset_commands.merge_shards_command},
-    ),
-    "recipes": (
-        "List and check recipes.",
-        {"list": recipe_commands.list_recipes_command, "check": recipe_commands.check_recipe_command},
-    ),
-    "sensors": (
-        "List, show and check sensors.",
-        {
-            "list": sensor_commands.list_sensors_command,
-            "show": sensor_commands.show_sensor_command,
-            "check": sensor_commands.check_sensor_command,
-        },
-    ),
-    "leaderboard": (
-        "Merge evaluations into one ranking, and verify rows.",
-        {"merge": leaderboard_commands.merge_command, "verify": leaderboard_commands.verify_evaluation_command},
-    ),
-    "methods": (
-        "List focus measures and searches, show one in full, or check a method.",
-        {"show": method_commands.show_method_command, "check": method_commands.check_method_command},
-    ),
-}
-GROUPS_THAT_TAKE_ARGUMENTS = {"leaderboard": "merge"}
-"""The command that runs if the arguments of a group do not name one: ``leaderboard A B`` merges A and B."""
-GROUP_DEFAULTS: dict[str, Callable[..., None]] = {"methods": method_commands.list_methods_command}
-"""The function that runs if a group is given without a command; other groups print their help."""
-STOP_MESSAGES = {
-    **dict.fromkeys(("generate", "dataset merge", "fetch", "evaluate", "tune", "recapture"), FINISHED_WORK_IS_KEPT),
-    **dict.fromkeys(("leaderboard", "score", "import", "encode", "export", "cut", "view", "lens"), NOTHING_WRITTEN),
-}
-"""What a user who stops a command is told, by command or group; commands that write no files have none."""
-
+FIRST_STEPS = ("generate quickstart", "evaluate datasets/quickstart", "scenes list", "methods show sd")
 
 UNPACKING = ("import", "encode", "export", "cut", "inspect", "view", "score", "verify", "fetch", "dataset")
 """Commands whose time is that of unpacking what strangers packed, and that have no bar or log of their own."""
@@ -136,11 +89,10 @@ class _Group(TyperGroup):
         return _hide_type_of_flags(super().get_params(ctx))
 
 
-class _GroupThatTakesArguments(_Group):
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        command = GROUPS_THAT_TAKE_ARGUMENTS[str(self.name)]
-        named = args and (args[0] in self.commands or args[0] in ("-h", "--help"))
-        return super().parse_args(ctx, args if named or not args else [command, *args])
+class _Root(_Group):
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return commands and groups in the order of the panels; typer would put all groups last."""
+        return list(dict.fromkeys(words.partition(" ")[0] for words in all_commands()))
 
 
 def _refuse_repeated_options(given: list[Any]) -> None:
@@ -173,48 +125,47 @@ def _options(*, version: Version = False) -> None:
     pass
 
 
+def all_commands() -> dict[str, Command]:
+    """Return the commands of the core and of add-ons by the words that call them, in the order of the panels."""
+    commands = COMMANDS | addon_commands()[0]
+    return {words: command for panel in Panel for words, command in commands.items() if command.panel == panel}
+
+
 @cache
 def root_command() -> Any:
-    """Return the command that contains all others, with those of add-ons; it is built once."""
-    addons = addon_commands()
-    examples = EXAMPLES | {name: command.examples for name, command in addons.items()}
+    """Return the command that contains all others; it is built once."""
+    commands, texts = all_commands(), GROUPS | addon_commands()[1]
     app = typer.Typer(
         help="Spike-camera autofocus data from physics, and the benchmark that ranks autofocus methods on it.",
-        epilog=help_ending("", examples),
+        epilog=_help_ending(FIRST_STEPS),
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
-        cls=_Group,
+        cls=_Root,
     )
     app.callback()(_options)
-    for name, function in COMMANDS.items():
-        app.command(name, cls=_Command, epilog=help_ending(name, examples))(function)
-    groups = {}
-    for group, (words, functions) in GROUPS.items():
-        groups[group] = typer.Typer(
-            help=words,
-            epilog=help_ending(group, examples),
-            no_args_is_help=group not in GROUP_DEFAULTS,
-            invoke_without_command=group in GROUP_DEFAULTS,
-            cls=_GroupThatTakesArguments if group in GROUPS_THAT_TAKE_ARGUMENTS else _Group,
-        )
-        if group in GROUP_DEFAULTS:
-            groups[group].callback()(GROUP_DEFAULTS[group])
-        for name, function in functions.items():
-            groups[group].command(name, cls=_Command, epilog=help_ending(f"{group} {name}", examples))(function)
-        app.add_typer(groups[group], name=group)
-    for words, command in addons.items():
+    groups: dict[str, typer.Typer] = {}
+    for words, command in commands.items():
         group, _, name = words.rpartition(" ")
+        if group and group not in groups:
+            below = [below.examples[0] for others, below in commands.items() if others.startswith(f"{group} ")]
+            groups[group] = typer.Typer(help=texts[group], epilog=_help_ending(below), no_args_is_help=True, cls=_Group)
+            app.add_typer(groups[group], name=group, rich_help_panel=command.panel)
+        ending, panel = _help_ending(command.examples), None if group else command.panel
         parent = groups[group] if group else app
-        ending = help_ending(words, examples)
-        parent.command(name, cls=_Command, epilog=ending, rich_help_panel=command.panel)(command.function)
+        parent.command(name, cls=_Command, epilog=ending, rich_help_panel=panel)(command.function)
     return typer.main.get_command(app)
+
+
+def _help_ending(examples: Iterable[str]) -> str:
+    return "\n".join(["Examples:", *(f"  saf-gen {line}" for line in examples)])
 
 
 def _stop_message(words: list[str]) -> str:
     """Return the line for a command that was stopped, called by these words; empty for one that writes no files."""
-    messages = STOP_MESSAGES | {name: command.stopped for name, command in addon_commands().items()}
-    return messages.get(" ".join(words)) or messages.get("".join(words[:1])) or ""
+    commands = all_commands()
+    command = commands.get(" ".join(words)) or commands.get("".join(words[:1]))
+    return command.stopped if command else ""
 
 
 def _find_exit_code(error: BaseException) -> Any:

@@ -1,4 +1,4 @@
-"""The commands ``generate``, ``dataset merge``, ``verify`` and ``fetch``."""
+"""The commands ``generate``, ``verify`` and ``fetch``."""
 
 import shlex
 from collections.abc import Sequence
@@ -10,6 +10,7 @@ from rich.progress import TaskID
 
 from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
+from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
 from saf_gen.cli.recapture_command import record_with
 from saf_gen.core.cores import defer_interrupts
 from saf_gen.core.plain_text import plural
@@ -37,6 +38,10 @@ def generate_command(
     cluster: ClusterAddress = None,
     split: Annotated[str | None, typer.Option(help="Generate only this split.")] = None,
     shard: Annotated[str, typer.Option(help="I/N: generate the I-th of N equal parts of the work.")] = "1/1",
+    sources: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="Folder of a shard, which is copied first; may be repeated, to merge shards."),
+    ] = None,
     variant: Variant = "auto",
     keep_slices: KeepSlices = "all",
     dry_run: Annotated[
@@ -46,16 +51,28 @@ def generate_command(
         int, typer.Option(min=1, max=10_000, help="With --dry-run: machines that share the work, as with --cluster.")
     ] = 1,
 ) -> None:
-    """Generate a dataset from a recipe, or resume one that was stopped."""
+    """Make a dataset from a recipe, or go on where a run was stopped.
+
+    Shards that ran without a common disk are merged by --from; what none of them could make is made then.
+    """
     if machines > 1 and not dry_run:
         raise BadInput(f"--machines is {machines}", allowed="with --dry-run alone", hint="start machines: --cluster")
+    if sources and (dry_run or shard != "1/1" or split):
+        raise BadInput("--from is given", allowed="without --dry-run, --shard and --split")
     with defer_interrupts():
         from saf_gen.generate.plan import make_plan
         from saf_gen.generate.resolve import coarse_sampling, resolve_recipe
 
     resolved = resolve_recipe(recipe, part=_parse_shard(shard), split=split)
     target = folder or Path("datasets") / resolved.recipe.name
+    if sources:
+        from saf_gen.generate.merging import gather_shards
+
+        copied = gather_shards(resolved, sources, target=target, tell=err.print)
+        out.print(f"{copied / 1e6:,.0f} MB copied from {plural(len(sources), 'folder')}")
     plan = make_plan(resolved, target, keep_slices=keep_slices)
+    if sources and any(plan.to_render.values()):
+        err.print(f"these stacks lack pictures, which are rendered here: {'; '.join(plan.labels)}", soft_wrap=True)
     if plan.renders and not cluster:
         _warn_of_renderer(variant, dry_run=dry_run)
     for line in coarse_sampling(resolved):
@@ -67,31 +84,6 @@ def generate_command(
     given = [word for option, value in options.items() if value for word in (option, value)]
     closing = shlex.join(["saf-gen", "generate", recipe, *given])
     _make(plan, workers=workers, variant=variant, cluster=cluster, closing=closing)
-
-
-def merge_shards_command(
-    recipe: RecipeName,
-    folders: Annotated[list[Path], typer.Argument(help="Folders in which shards of the recipe were generated.")],
-    *,
-    target: Annotated[Path, typer.Option("--out", help="Folder of the merged dataset; it may be one of them.")],
-    workers: Workers = 1,
-    variant: Variant = "auto",
-    keep_slices: KeepSlices = "all",
-) -> None:
-    """Copy the shards of a dataset into one folder, make what none of them could make, and list all sequences."""
-    with defer_interrupts():
-        from saf_gen.generate.merging import gather_shards
-        from saf_gen.generate.plan import make_plan
-        from saf_gen.generate.resolve import resolve_recipe
-
-    resolved = resolve_recipe(recipe)
-    copied = gather_shards(resolved, folders, target=target, tell=err.print)
-    out.print(f"{copied / 1e6:,.0f} MB copied from {plural(len(folders), 'folder')}")
-    plan = make_plan(resolved, target, keep_slices=keep_slices)
-    if any(plan.to_render.values()):
-        err.print(f"these stacks lack pictures, which are rendered here: {'; '.join(plan.labels)}", soft_wrap=True)
-        _warn_of_renderer(variant, dry_run=False)
-    _make(plan, workers=workers, variant=variant, cluster=None, closing="")
 
 
 def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, closing: str) -> None:
@@ -247,7 +239,7 @@ def _time(seconds: float) -> str:
 
 
 def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
-    """Check every file of a dataset against the digest in its manifest."""
+    """Check every file of a dataset against its digest."""
     from saf_gen.stream.dataset import verify_dataset
     from saf_gen.stream.description import describe_flaws
     from saf_gen.stream.manifest import read_manifest
@@ -268,7 +260,7 @@ def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.
     try:
         check_published(dataset, read_manifest(dataset))
     except BadInput as problem:
-        out.print(escape_controls(f"others could not fetch it: {problem}"), soft_wrap=True, markup=False)
+        err.print(escape_controls(f"warning: others could not fetch it: {problem}"), soft_wrap=True, markup=False)
 
 
 def fetch_command(
@@ -277,7 +269,7 @@ def fetch_command(
     folder: OutFolder = None,
     sha256: Annotated[str, typer.Option(help="SHA-256 of manifest.json, as stated by its publisher.")] = "",
 ) -> None:
-    """Fetch a published dataset and check every file, or resume a fetch that was stopped."""
+    """Fetch and check a published dataset, or resume a fetch."""
     from saf_gen.stream.sharing import fetch_dataset
 
     with progress_bars() as bars:
@@ -292,3 +284,22 @@ def fetch_command(
     size = sum(one.bytes for one in manifest.files) / 1e6
     out.print(f"{plural(len(manifest.files), 'file')}, {size:,.1f} MB, every digest correct")
     out.print(f"dataset: {target}   (next: {manifest.next_command(target)})", soft_wrap=True)
+
+
+COMMANDS = {
+    "generate": Command(
+        generate_command,
+        (
+            "generate quickstart",
+            "generate recipes/sad_synthetic.yaml --dry-run --machines 8",
+            "generate my_recipe.yaml --out datasets/mine --workers 2",
+            "generate quickstart --shard 2/3 --out shard2",
+            "generate quickstart --from shard1 --from shard2 --from shard3",
+        ),
+        Panel.GENERATE,
+        FINISHED_WORK_IS_KEPT,
+    ),
+    "verify": Command(verify_command, ("verify datasets/quickstart",), Panel.SHARE),
+    "fetch": Command(fetch_command, ("fetch https://example.org/quickstart",), Panel.SHARE, FINISHED_WORK_IS_KEPT),
+}
+"""The commands of this file, by the words that call them."""

@@ -10,6 +10,7 @@ import typer
 
 from saf_gen.cli._tables import print_leaderboard
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, err, out, print_error, progress_bars, terminal_reporter
+from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, NOTHING_WRITTEN, Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
 
@@ -231,7 +232,10 @@ def score_command(
     csv: Annotated[Path | None, typer.Option("--out", help="CSV file to write (default: the terminal).")] = None,
     region: Annotated[str, typer.Option(help="Where to look: frame, or target (its bounding box).")] = "frame",
 ) -> None:
-    """Score consecutive blocks of a stream, as CSV with the first frame and the score of each block."""
+    """Score consecutive blocks of a stream with a measure.
+
+    The output is CSV with the first frame and the score of each block.
+    """
     from saf_gen.benchmark.evaluate import score_blocks
     from saf_gen.core.files import write_text
     from saf_gen.stream.stream_file import open_stream
@@ -244,3 +248,25 @@ def score_command(
         return
     write_text(csv, text)
     out.print(f"{plural(len(frames), 'block')} in {csv}")
+
+
+COMMANDS = {
+    "evaluate": Command(
+        evaluate_command,
+        (
+            "evaluate datasets/quickstart",
+            "evaluate recording.h5 --method sd_code+sgfs_code:dt=50 --out judged",
+            "evaluate datasets/quickstart --track closed_loop --budget 100",
+            "evaluate datasets/quickstart --predictions answers.jsonl",
+        ),
+        Panel.EVALUATE,
+        FINISHED_WORK_IS_KEPT,
+    ),
+    "score": Command(
+        score_command,
+        ("score recording.h5 --measure sd --window 100 --out curve.csv",),
+        Panel.EVALUATE,
+        NOTHING_WRITTEN,
+    ),
+}
+"""The commands of this file, by the words that call them."""

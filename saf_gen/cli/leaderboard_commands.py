@@ -8,6 +8,7 @@ import typer
 
 from saf_gen.cli._tables import print_leaderboard, print_table
 from saf_gen.cli._terminal import AsJson, ClusterAddress, OutFolder, err, out, progress_bars, terminal_reporter
+from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, NOTHING_WRITTEN, Command, Panel
 from saf_gen.cli.evaluate_commands import (
     ActuatorName,
     BudgetMs,
@@ -143,7 +144,10 @@ def tune_command(
     ] = "target",
     cluster: ClusterAddress = None,
 ) -> None:
-    """Evaluate a method with many values of its constants on a split, and write the best; `@FILE` then names it."""
+    """Try values of the constants of a method on a split.
+
+    The best are written into a file, and `@FILE` then names the method with them.
+    """
     from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
     from saf_gen.core.files import check_ours, check_writable, write_text
@@ -186,3 +190,29 @@ def tune_command(
         f"{file}   (next: {read_manifest(dataset).next_command(dataset)} --method {shlex.quote(f'@{file}')})",
         soft_wrap=True,
     )
+
+
+COMMANDS = {
+    "tune": Command(
+        tune_command,
+        ("tune mine --method sd+sgfs_code --try search.dt=25,50 --out best.json",),
+        Panel.EVALUATE,
+        FINISHED_WORK_IS_KEPT,
+    ),
+    "leaderboard merge": Command(
+        merge_command,
+        ("leaderboard merge mine/evaluation other/evaluation --out merged",),
+        Panel.EVALUATE,
+        NOTHING_WRITTEN,
+    ),
+    "leaderboard verify": Command(
+        verify_evaluation_command,
+        (
+            "leaderboard verify datasets/quickstart/evaluation",
+            "leaderboard verify theirs --on mine --method their.py:Measure+argmax",
+        ),
+        Panel.EVALUATE,
+        NOTHING_WRITTEN,
+    ),
+}
+"""The commands of this file, by the words that call them."""

@@ -1,4 +1,4 @@
-"""The commands ``methods``, ``methods show`` and ``methods check``."""
+"""The commands ``methods list``, ``methods show`` and ``methods check``."""
 
 import sys
 from collections import Counter
@@ -12,6 +12,7 @@ from rich.text import Text
 
 from saf_gen.cli._tables import print_json, print_table, to_objects
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, err, out
+from saf_gen.cli.command import Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
@@ -24,10 +25,8 @@ WORDS = {"ok": "pass", "warning": "warn", "error": "fail"}
 """Word for each level of a finding about a method."""
 
 
-def list_methods_command(context: typer.Context, *, as_json: AsJson = False) -> None:
-    """List focus measures and searches, show one in full, or check a method."""
-    if context.invoked_subcommand is not None:
-        return
+def list_methods_command(*, as_json: AsJson = False) -> None:
+    """List focus measures, with their degree and cost, and searches."""
     from saf_gen.benchmark.plugin_description import (
         build_or_class,
         format_attribute,
@@ -122,3 +121,13 @@ def _print_results(name: str, results: "list[Finding]") -> None:
 def _to_object(name: str, result: "Finding") -> dict[str, str]:
     seen = {"level": WORDS[result.level], "seen": result.text, "to_do": result.to_do}
     return {"name": name, "part": result.part, "check": result.check, **seen}
+
+
+COMMANDS = {
+    "methods list": Command(list_methods_command, ("methods list", "methods list --json"), Panel.EVALUATE),
+    "methods show": Command(
+        show_method_command, ("methods show sd", "methods show sd_code+sgfs_code:dt=50"), Panel.EVALUATE
+    ),
+    "methods check": Command(check_method_command, ("methods check sd+argmax",), Panel.EVALUATE),
+}
+"""The commands of this file, by the words that call them."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from saf_gen.cli._terminal import out, print_error, progress_bars, terminal_reporter
+from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import escape_controls, unknown
 
@@ -37,7 +38,10 @@ def recapture_command(
         ),
     ] = None,
 ) -> None:
-    """Record the sequences of a dataset with another camera: same scene, lens, light and truth, other sensor."""
+    """Record a dataset again with another camera.
+
+    Scene, lens, light and truth are the same; the sensor is another.
+    """
     from saf_gen.stack.other_cameras import CAMERAS, find_camera
     from saf_gen.stream.manifest import read_manifest
 
@@ -73,3 +77,17 @@ def record_with(
         tell(f"next: {next_command}")
     if done.failed:
         raise typer.Exit(1)
+
+
+COMMANDS = {
+    "recapture": Command(
+        recapture_command,
+        (
+            "recapture datasets/quickstart --sensor davis346",
+            "recapture datasets/quickstart --sensor swissspad3 --out elsewhere",
+        ),
+        Panel.GENERATE,
+        FINISHED_WORK_IS_KEPT,
+    )
+}
+"""The commands of this file, by the words that call them."""

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import AsJson, RecipeName, out
+from saf_gen.cli.command import Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 
@@ -39,3 +40,10 @@ def check_recipe_command(recipe: RecipeName) -> None:
     out.print(
         f"{recipe} is fine: {plural(len(work.sequences), 'sequence')} of {', '.join(work.scenes)}; digest {digest}"
     )
+
+
+COMMANDS = {
+    "recipes list": Command(list_recipes_command, ("recipes list",), Panel.GENERATE),
+    "recipes check": Command(check_recipe_command, ("recipes check my_recipe.yaml",), Panel.GENERATE),
+}
+"""The commands of this file, by the words that call them."""

@@ -1,4 +1,4 @@
-"""The commands ``scenes list``, ``show``, ``new``, ``check`` and ``preview``."""
+"""The commands ``scenes list``, ``show``, ``new``, ``from-pictures``, ``check`` and ``preview``."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -10,12 +10,14 @@ from rich.text import Text
 
 from saf_gen.cli._tables import print_facts, print_json, print_table
 from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, print_error, progress_bars
+from saf_gen.cli.command import Command, Panel
 from saf_gen.core.table import Column, Table
-from saf_gen.errors import BadInput, SafGenError
+from saf_gen.errors import BadInput, SafGenError, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.camera import Sensor
     from saf_gen.core.finding import Finding
+    from saf_gen.scene.picture_card import PictureScene
     from saf_gen.scene.scene_folder import Scene
 
 SENSOR = "vidar_400x250"
@@ -24,10 +26,31 @@ SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or it
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
 
-def list_scenes_command(*, as_json: AsJson = False) -> None:
-    """List the scenes that are found by name."""
-    from saf_gen.scene.scene_folder import find_scene, scene_names
+def list_scenes_command(
+    *,
+    trust: Annotated[
+        Path | None, typer.Option(help="Folder of scenes whose scripts may run from now on; read them first.")
+    ] = None,
+    forget: Annotated[Path | None, typer.Option(help="Folder of scenes to trust no longer.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the scenes that are found by name, or trust the scripts of a folder of scenes first.
 
+    Those that come with saf_gen are trusted, and no others. Scenes in ./scenes are found by name once it is trusted,
+    and replace those of the same name.
+    """
+    from saf_gen.scene.scene_folder import find_any_scene, scene_names
+    from saf_gen.scene.trusted_folders import forget_folder, register_folder
+
+    if trust is not None and not trust.is_dir():
+        raise BadInput("is no folder", where=str(trust), allowed="a folder that holds folders of scenes")
+    for folder, change, words in (
+        (trust, register_folder, "trusted from now on"),
+        (forget, forget_folder, "not trusted"),
+    ):
+        if folder is not None:
+            change(folder)
+            err.print(escape_controls(f"{folder.resolve()}: {words}"), soft_wrap=True, markup=False)
     columns = [
         Column("scene", "id"),
         Column("title", "title", folds=True),
@@ -36,7 +59,7 @@ def list_scenes_command(*, as_json: AsJson = False) -> None:
         Column("lens", "lens.summary", folds=True),
         Column("licence", "licence", detail=1),
     ]
-    cards = [find_scene(name).card for name in scene_names()]
+    cards = [find_any_scene(name).card for name in scene_names()]
     print_table(Table(columns, cards), where_to_find="scenes/NAME/scene.yaml has them", as_json=as_json)
 
 
@@ -54,14 +77,11 @@ def new_scene_command(
 ) -> None:
     """Create a scene in ./scenes from a commented template that renders as it is.
 
-    If ./scenes is empty or missing, it is registered as by `saf-gen init`.
+    If ./scenes is empty or missing, it is trusted from then on, as by `saf-gen scenes list --trust scenes`.
     """
     from saf_gen.authoring.template import scene_from_export, scene_from_template
-    from saf_gen.scene.scene_folder import scene_roots
-    from saf_gen.scene.trusted_folders import register_folder
 
     root = Path("scenes")
-    trusted = root.resolve() in scene_roots()
     empty = not any(root.glob("*"))
     left_out: list[str] = []
     if exported is not None:
@@ -72,14 +92,53 @@ def new_scene_command(
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:
         out.print(line, soft_wrap=True)
-    if empty and not trusted:
-        register_folder(root)
-        out.print(f"registered: {root.resolve()}; saf-gen init --forget undoes it", soft_wrap=True)
-    elif not trusted:
-        out.print("next: saf-gen init, if you trust the code of all scenes in ./scenes")
+    _trust(root, empty=empty)
     out.print(
         f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; then write its licence into scene.yaml"
     )
+
+
+def _trust(root: Path, *, empty: bool) -> None:
+    """Trust the folder of a new scene if it was empty before; else say how."""
+    from saf_gen.scene.scene_folder import scene_roots
+    from saf_gen.scene.trusted_folders import register_folder
+
+    if root.resolve() in scene_roots():
+        return
+    if empty:
+        register_folder(root)
+        out.print(f"trusted: {root.resolve()}; saf-gen scenes list --forget scenes undoes it", soft_wrap=True)
+    else:
+        out.print("next: saf-gen scenes list --trust scenes, if you trust the code of all scenes there")
+
+
+def from_pictures_command(
+    pictures: Annotated[Path, typer.Argument(help="Folder of pictures, or a file with several, such as TIFF pages.")],
+    *,
+    name: Annotated[str, typer.Option(help="Name of the scene: lower-case letters, digits and _.")],
+    licence: Annotated[str, typer.Option(help="SPDX identifier of the licence of the pictures.")],
+    values: Annotated[str, typer.Option(help="How values stand for light: linear or srgb.")],
+    step_um: Annotated[
+        float | None, typer.Option(help="Distance of the focus between two pictures, µm, if it is known.")
+    ] = None,
+    box: Annotated[
+        tuple[int, int, int, int] | None,
+        typer.Option(help="Left, top, columns and rows of the target in pixels (default: all)."),
+    ] = None,
+) -> None:
+    """Make a scene in ./scenes of pictures at equal steps of the focus, which any recipe may then use.
+
+    If ./scenes is empty or missing, it is trusted from then on, as by `saf-gen scenes list --trust scenes`.
+    """
+    from saf_gen.authoring.template import scene_from_pictures
+
+    root = Path("scenes")
+    empty = not any(root.glob("*"))
+    made = scene_from_pictures(pictures, name, root=root, values=values, licence=licence, step_um=step_um, box=box)
+    for path in made:
+        out.print(str(path), soft_wrap=True)
+    _trust(root, empty=empty)
+    out.print(f"next: write its title and source into scene.yaml, and name {name} in a split of a recipe")
 
 
 def check_scenes_command(
@@ -92,6 +151,7 @@ def check_scenes_command(
 ) -> None:
     """Check scenes: geometry, units, focus range, light, detail, focus curve, motion, licence."""
     from saf_gen.camera import get_sensor
+    from saf_gen.scene.picture_card import PictureScene
     from saf_gen.scene.scene_folder import scene_names
 
     camera = get_sensor(sensor)
@@ -104,11 +164,16 @@ def check_scenes_command(
     scenes = []
     for name in names or scene_names():
         try:
-            scenes.append(_scene(name))
+            scene = _any_scene(name)
         except BadInput as problem:
             if names:
                 raise
             add(name, {"check": "card", "level": "error", "text": str(problem)})
+            continue
+        if isinstance(scene, PictureScene):
+            add(name, {"check": "card", "level": "ok", "text": "its pictures are given; recipes check reads them"})
+        else:
+            scenes.append(scene)
     for scene, finding in _check(scenes, camera, variant=variant, cluster=cluster):
         add(scene.id, {"check": finding.check, "level": finding.level, "text": finding.text})
     if as_json:
@@ -153,7 +218,7 @@ def _print_finding(finding: dict[str, str], as_json: bool) -> None:
 
 def show_scene_command(name: Annotated[str, typer.Argument(help="Name of a scene, or its folder.")]) -> None:
     """Show a scene's card: lens, lights and roles, target, parameters, motion, licence, and where its picture is."""
-    scene = _scene(name)
+    scene = _any_scene(name)
     card, picture = scene.card, scene.folder / "preview.png"
     lux, rate = card.illuminance_lux, card.slices_per_s
     roles = card.light_roles.items()
@@ -169,7 +234,11 @@ def show_scene_command(name: Annotated[str, typer.Argument(help="Name of a scene
         "licence": card.licence,
         "source": " ".join(card.source.split()),
         "folder": str(scene.folder),
-        "picture": str(picture) if picture.is_file() else f"none yet: saf-gen scenes preview {name}",
+        "picture": str(picture)
+        if picture.is_file()
+        else f"none yet: saf-gen scenes preview {name}"
+        if card.target
+        else "",
     }
     print_facts({key: text for key, text in facts.items() if text}, title=card.id)
 
@@ -234,9 +303,42 @@ def _describe_range(value: Any) -> str:
     return str(value)
 
 
-def _scene(name: str) -> "Scene":
+def _any_scene(name: str) -> "Scene | PictureScene":
     """Return a scene by its name, or by its folder if ``name`` is a path."""
-    from saf_gen.scene.scene_folder import find_scene, load_scene
+    from saf_gen.scene.scene_folder import find_any_scene, load_any_scene
 
     folder = Path(name)
-    return load_scene(folder) if folder.name != name and folder.is_dir() else find_scene(name)
+    return load_any_scene(folder) if folder.name != name and folder.is_dir() else find_any_scene(name)
+
+
+def _scene(name: str) -> "Scene":
+    """Return a scene to render by its name, or by its folder if ``name`` is a path."""
+    from saf_gen.scene.scene_folder import rendered
+
+    return rendered(_any_scene(name))
+
+
+COMMANDS = {
+    "scenes list": Command(list_scenes_command, ("scenes list", "scenes list --trust their/scenes"), Panel.SCENES),
+    "scenes show": Command(show_scene_command, ("scenes show camel",), Panel.SCENES),
+    "scenes new": Command(
+        new_scene_command, ("scenes new my_scene", "scenes new my_scene --from exported/scene.xml"), Panel.SCENES
+    ),
+    "scenes from-pictures": Command(
+        from_pictures_command,
+        (
+            "scenes from-pictures weave --name weave --licence MIT --values linear",
+            "scenes from-pictures exr --name cells --licence MIT --values linear",
+        ),
+        Panel.SCENES,
+    ),
+    "scenes check": Command(
+        check_scenes_command, ("scenes check my_scene", "scenes check camel fan --json"), Panel.SCENES
+    ),
+    "scenes preview": Command(
+        preview_command,
+        ("scenes preview my_scene --out sheet.png", "scenes preview camel fan --out sheets"),
+        Panel.SCENES,
+    ),
+}
+"""The commands of this file, by the words that call them."""

@@ -7,6 +7,7 @@ import typer
 
 from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import AsJson, out
+from saf_gen.cli.command import Command, Panel
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import escape_controls
@@ -47,3 +48,11 @@ def check_sensor_command(file: Annotated[Path, typer.Argument(help="Sensor file 
     for line in found:
         out.print(f"unlikely: {line}", style="yellow", soft_wrap=True)
     out.print(f"{sensor.name} is a sensor" + (f", with {len(found)} unlikely numbers" if found else ""))
+
+
+COMMANDS = {
+    "sensors list": Command(list_sensors_command, ("sensors list",), Panel.SCENES),
+    "sensors show": Command(show_sensor_command, ("sensors show vidar_400x250",), Panel.SCENES),
+    "sensors check": Command(check_sensor_command, ("sensors check my_camera.yaml",), Panel.SCENES),
+}
+"""The commands of this file, by the words that call them."""

@@ -10,6 +10,7 @@ import typer
 
 from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, err, out
+from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
 
@@ -21,62 +22,36 @@ PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
 SMALL_COLUMNS = 32
 """Columns of a picture that is one of several."""
 BIT_NAMES = {"lsb": "least significant", "msb": "most significant"}
-Size = Annotated[
-    str | None, typer.Option(help="Columns and rows of raw frames without gaps, such as 600x400; needs --bits.")
-]
-Bits = Annotated[
-    str | None,
-    typer.Option("--bits", help="First of the eight values in a byte: lsb or msb (default: lsb in a named layout)."),
-]
-Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
-Key = Annotated[
-    str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several, or layer of OpenEXR files.")
-]
-FocusLog = Annotated[
-    Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
-]
-TruthText = Annotated[
-    str | None, typer.Option(help="True focus: a position (0.42), or a frame of the lens log (frame:812).")
-]
+Size = Annotated[str | None, typer.Option(help="Columns x rows of raw frames without gaps: 600x400.")]
+Bits = Annotated[str | None, typer.Option("--bits", help="First value in a byte: lsb or msb.")]
+Rate = Annotated[float, typer.Option(help="Readouts per second.")]
+Key = Annotated[str | None, typer.Option(help="Array of a .npz or .mat file, or layer of OpenEXR.")]
+FocusLog = Annotated[Path | None, typer.Option(help="Lens log: CSV of frame,position or seconds,position.")]
+TruthText = Annotated[str | None, typer.Option(help="True focus: position 0.42 or frame:812.")]
 DepthOfFocus = Annotated[
-    tuple[float, float] | None, typer.Option(help="Near and far positions between which the target is sharp.")
+    tuple[float, float] | None, typer.Option(metavar="<a> <b>", help="Near and far positions where it is sharp.")
 ]
 
 
 def import_command(
-    file: Annotated[Path, typer.Argument(help="Raw frames, a .npy, .npz or .mat file, or SAF's folder of recordings.")],
-    target: Annotated[Path, typer.Option("--out", help="Stream file to write; if FILE is a folder, folder to write.")],
+    file: Annotated[Path, typer.Argument(help="Raw frames, .npy, .npz, .mat, or a folder of SAF.")],
+    target: Annotated[Path, typer.Option("--out", help="Stream file, or folder for a folder.")],
     *,
-    layout: Annotated[
-        str | None, typer.Option(help="Layout of raw frames, which do not state it: 416, dense or sps1000.")
-    ] = None,
+    layout: Annotated[str | None, typer.Option(help="Raw frames: 416, dense or sps1000.")] = None,
     size: Size = None,
     order: Bits = None,
-    axes: Annotated[
-        str | None, typer.Option(help="Order of time, rows and columns, which no array states, such as TYX or YXT.")
-    ] = None,
-    kind: Annotated[
-        str, typer.Option(help="What a 1 is, which no file states: spikes, or photons of a single-photon array.")
-    ] = "spikes",
-    frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to import (default: all).")] = None,
+    axes: Annotated[str | None, typer.Option(help="Order of time, rows, columns in an array: TYX, YXT.")] = None,
+    kind: Annotated[str, typer.Option(help="What a 1 is: spikes or photons.")] = "spikes",
+    frames: Annotated[int | None, typer.Option(help="Frames to import (default: all).")] = None,
     rate: Rate = 20_000.0,
-    flip: Annotated[
-        bool | None, typer.Option(help="The bottom row is stored first (default: as in the layout).")
-    ] = None,
+    flip: Annotated[bool | None, typer.Option(help="Bottom row first, or top.")] = None,
     key: Key = None,
     focus: FocusLog = None,
-    light: Annotated[
-        Path | None, typer.Option(help="Light log: CSV with frame,NAME or seconds,NAME, a column per light.")
-    ] = None,
+    light: Annotated[Path | None, typer.Option(help="Light log: CSV of seconds,NAME, a column a light.")] = None,
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
-    mask: Annotated[
-        str | None,
-        typer.Option(help="Bad pixels, which are filled: a picture or array (not 0 is bad), or a CSV of row,column."),
-    ] = None,
-    times: Annotated[
-        Path | None, typer.Option(help="Doubled and lost readouts: CSV with `seconds` or `readout`, a row per frame.")
-    ] = None,
+    mask: Annotated[str | None, typer.Option(help="Bad pixels: a picture, an array, or CSV of row,column.")] = None,
+    times: Annotated[Path | None, typer.Option(help="CSV of seconds or readout, a row a frame.")] = None,
 ) -> None:
     """Convert a recording from another program to a stream, with its lens log, light log and true focus if given."""
     from saf_gen.stream import interop
@@ -262,7 +237,10 @@ def encode_command(
         str | None,
         typer.Option(help="Pictures per second, such as 240 or 24000/1001 (default: the times of the file)."),
     ] = None,
-    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light instead of sRGB.")] = False,
+    transfer: Annotated[
+        str | None, typer.Option(help="How values stand for light, where the file does not say: srgb or bt709.")
+    ] = None,
+    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light.")] = False,
     sensor: Annotated[str, typer.Option(help="Sensor, by name or file; its array gets the size of the pictures.")] = (
         "vidar_400x250"
     ),
@@ -283,7 +261,7 @@ def encode_command(
 
     _check_stream_output(pictures, target)
     rate_hz = None if rate is None else rate_from_text(rate)
-    source = open_pictures(pictures, linear=linear, key=key)
+    source = open_pictures(pictures, linear=linear, transfer=transfer, key=key)
     plan = prepare_pictures(source, get_sensor(sensor), rate_hz=rate_hz, mean_rate=mean_rate, frames=frames)
     hz = plan.sensor.readout_hz
     lens = None if focus is not None else plan.focus_position
@@ -447,7 +425,10 @@ def view_command(
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif and .html.")] = 12.0,
 ) -> None:
-    """Draw pictures of a recording, together with its lens position, light, truth and scores."""
+    """Draw pictures of a recording.
+
+    Its lens position, light, truth and scores are drawn beside them.
+    """
     from saf_gen.benchmark.admission import admit_measure
     from saf_gen.benchmark.camera_kinds import check_law
     from saf_gen.stream.pictures import write_view
@@ -471,3 +452,47 @@ def view_command(
         )
     size = f"{plural(len(pictures.starts), 'picture')} of {plural(pictures.window, 'frame')}"
     out.print(f"{size}{'' if len(pictures.starts) == 1 else ' each'} in {target}")
+
+
+COMMANDS = {
+    "import": Command(
+        import_command,
+        (
+            "import camera.dat --layout dense --out recording.h5 --focus lens.csv",
+            "import spikes.mat --axes YXT --out recording.h5 --key spk",
+            "import camera.raw --out recording.h5 --size 600x400 --bits msb",
+        ),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "export": Command(
+        export_command, ("export recording.h5 --out frames.dat --for spikecv",), Panel.RECORDINGS, NOTHING_WRITTEN
+    ),
+    "encode": Command(
+        encode_command,
+        (
+            "encode frames --out recording.h5 --rate 1000 --transfer srgb",
+            "encode frames.npy --out recording.h5 --rate 640 --linear --truth 0.42",
+        ),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "cut": Command(
+        cut_command,
+        (
+            "cut recording.h5 --from 2000 --to 12000 --out part.h5",
+            "cut recording.h5 --rows 50:200 --columns :300 --out part.h5",
+        ),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "view": Command(
+        view_command,
+        ("view recording.h5 --out sweep.png --measure sd", "view recording.h5 --out sweep.html --as tfi --window 200"),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
+    ),
+    "inspect": Command(inspect_command, ("inspect recording.h5", "inspect recording.h5 --json"), Panel.RECORDINGS),
+    "dataset index": Command(index_command, ("dataset index recordings",), Panel.RECORDINGS),
+}
+"""The commands of this file, by the words that call them."""

@@ -107,14 +107,14 @@ def start_seconds(spec: StackSpec) -> float:
 
 def load_seconds(spec: StackSpec) -> float:
     """Return the time to show the scene of a time slice once more (s)."""
-    return 0.0 if spec.estimator == WAVES else _cost_of(spec.scene).slice_s / CORES
+    return _cost_of(spec.scene).slice_s / CORES
 
 
 def grain_seconds(stack: TimeResolvedStack) -> float:
     """Return the time of the second render of a stack, or of a few slices that do not follow each other (s)."""
     if stack.specs[-1].estimator in (WAVES, PICTURES):
         return 0.0  # nothing is random, or can be repeated
-    count = len(stack.moments)
+    count = len(stack.specs)
     again = second_render(stack.specs[-1], slices=count)
     loaded_s = 0.0 if again.window is None else _cost_of(again.scene).load_s / CORES
     once = render_seconds(again) + start_seconds(again) - loaded_s

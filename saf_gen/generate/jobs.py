@@ -13,7 +13,7 @@ from saf_gen.generate.plan import Plan
 from saf_gen.generate.record import Recorder, recording_digest
 from saf_gen.generate.resolve import PlannedSequence, ResolvedSequence
 from saf_gen.scene.scene_folder import Scene
-from saf_gen.stack.focal_stack import StackSpec, StackStore
+from saf_gen.stack.focal_stack import PICTURES, StackSpec, StackStore
 from saf_gen.stack.grain import read_grain
 from saf_gen.stack.picture_stack import PictureStack
 from saf_gen.stack.second_render import stacks_to_repeat
@@ -85,24 +85,18 @@ class RenderJob:
                 report(piece, 1.0)
 
         options: dict[str, Any] = {"root": self.stacks, "backend_name": self.backend}
-        pieces, bands = list[str](), self.time_stack.bands
         try:
-            for n, specs in enumerate(bands):  # one wavelength after the other
-
-                def of_band(piece: str, done: float, n: int = n) -> None:
-                    progress(piece, (n + done) / len(bands))
-
-                pieces += render_missing(
-                    self.scene,
-                    specs,
-                    **options,
-                    wanted=self.wanted,
-                    geometry_first=self.wanted is not None,
-                    progress=of_band,
-                )
+            pieces = render_missing(
+                self.scene,
+                self.time_stack.specs,
+                **options,
+                wanted=self.wanted,
+                geometry_first=self.wanted is not None,
+                progress=progress,
+            )
             report_done()
             if self.measure_grain:
-                measure_by_repeat(self.scene, self.time_stack.moments, **options, progress=progress)
+                measure_by_repeat(self.scene, self.time_stack.specs, **options, progress=progress)
                 report_done()
             return pieces
         except OSError as error:
@@ -148,7 +142,7 @@ class MeasureGrainJob:
         try:
             measure_by_repeat(
                 self.scene,
-                self.time_stack.moments,
+                self.time_stack.specs,
                 root=self.stacks,
                 backend_name=self.backend,
                 wanted=self.wanted,
@@ -170,8 +164,8 @@ class RecordResult:
     kept : bool
         Whether an earlier run had already made the recording.
     lacks_slices : bool, default False
-        Whether the recording is not finished, because its file is missing or damaged and its time slices or
-        all-in-focus pictures have been deleted.
+        Whether the recording is not finished, because its file is missing or damaged and its time slices have been
+        deleted.
     """
 
     content_sha256: str
@@ -193,7 +187,6 @@ class RecordJob:
     path: Path
     fingerprint: str
     side_by_side: int
-    sharp_stack: TimeResolvedStack | None = None
     wants_gpu = False
 
     @property
@@ -209,18 +202,13 @@ class RecordJob:
         digest = recording_digest(self.path, self.fingerprint)
         kept = digest is not None
         if digest is None:
-            of_point = self.sharp_stack
-            deletable = [
-                stack for stack in (self.time_stack, of_point) if stack and (stack.is_moving or stack is of_point)
-            ]
-            if any(stack.find_missing(self.stacks) for stack in deletable):
+            if self.time_stack.is_moving and self.time_stack.find_missing(self.stacks):
                 return RecordResult("", kept=False, lacks_slices=True)
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 digest = self.recorder.record(
                     self.sequence,
                     PlaneSource.from_folder(self.time_stack, self.stacks),
-                    sharp_source=None if of_point is None else PlaneSource.from_folder(of_point, self.stacks),
                     path=self.path,
                     fingerprint=self.fingerprint,
                     threads=max(1, usable_cores() // self.side_by_side),
@@ -294,10 +282,9 @@ class ChooseBackendJob:
 class JobOrder:
     """The order of the jobs that a dataset folder still needs.
 
-    Missing stacks are rendered, and the recordings from each stack follow; those that hold all-in-focus pictures wait
-    for their stack, too. A recording whose time slices or all-in-focus stacks were deleted is read first, and they are
-    rendered again only if its file is damaged. Those that are not to be kept are deleted once every recording of the
-    recipe that needs them is made, in all splits.
+    Missing stacks are rendered, and the recordings from each stack follow. A recording whose time slices were deleted
+    is read first, and the slices are rendered again only if its file is damaged. Slices that are not to be kept are
+    deleted once every recording of the recipe that needs them is made, in all splits.
 
     A shard renders its slices of cut stacks first. When it has rendered everything, it looks at these stacks again: it
     measures the grain of its own slices if all slices have depth and target, and records what can be recorded.
@@ -326,7 +313,8 @@ class JobOrder:
         """Return the jobs that do not wait for another job."""
         jobs: list[Job] = [self._render_job(stack) for stack in self._plan.to_render]
         for stack in self._plan.by_stack:
-            jobs += self._record_jobs_if_rendered(stack)
+            if stack not in self._plan.to_render:
+                jobs += self._record_jobs(stack)
         if not self._unrendered:
             jobs += self._jobs_on_cut_stacks()
         return [*jobs, *self._jobs_that_delete_unrecorded()]
@@ -336,9 +324,7 @@ class JobOrder:
         if isinstance(job, RenderJob):
             was_last = self._unrendered == {job.time_stack}
             self._unrendered.discard(job.time_stack)
-            waiting = [s for s in self._plan.by_stack if job.time_stack in (s, *self._sharp_stacks(s))]
-            jobs = [job for stack in waiting for job in self._record_jobs_if_rendered(stack)]
-            return [*jobs, *(self._jobs_on_cut_stacks() if was_last else ())]
+            return [*self._record_jobs(job.time_stack), *(self._jobs_on_cut_stacks() if was_last else ())]
         if isinstance(job, MeasureGrainJob):
             return self._record_if_whole(job.time_stack)
         if not isinstance(job, RecordJob):
@@ -347,9 +333,7 @@ class JobOrder:
             if job.time_stack in self._rendered_again or job.time_stack in self._plan.by_cut_stack:
                 return []
             self._rendered_again.add(job.time_stack)
-            again = [s for s in (job.time_stack, *self._sharp_stacks(job.time_stack)) if s.find_missing(self._stacks)]
-            self._unrendered.update(again)
-            return [self._render_job(stack) for stack in again]
+            return [self._render_job(job.time_stack)]
         self._finished.add(job.sequence.id)
         return self._jobs_that_delete(job.sequence.id)
 
@@ -357,20 +341,12 @@ class JobOrder:
     def _backend(self) -> str:
         return self._choose_backend()
 
-    def _sharp_stacks(self, stack: TimeResolvedStack) -> list[TimeResolvedStack]:
-        """Return the all-in-focus stacks of the recordings that are made from a stack."""
-        users = [*self._plan.by_stack.get(stack, ()), *self._plan.by_cut_stack.get(stack, ())]
-        return list(dict.fromkeys(s.sharp_stack for s in users if s.sharp_stack is not None))
-
-    def _record_jobs_if_rendered(self, stack: TimeResolvedStack) -> list[Job]:
-        """Return jobs that record from a stack if neither it nor an all-in-focus stack of them is still rendered."""
-        return [] if self._unrendered & {stack, *self._sharp_stacks(stack)} else self._record_jobs(stack)
-
     def _render_job(self, stack: TimeResolvedStack) -> Job:
         user, share = self._plan.users[stack], self._plan.share
         label, measure_grain = user.stack_label(stack), stack in self._plan.by_stack
+        backend = PICTURES if isinstance(user.scene, PictureStack) else self._backend
         wanted = self._plan.to_render[stack] if share and stack in share.cut else None
-        return RenderJob(label, user.scene, stack, self._stacks, self._backend, measure_grain, wanted)
+        return RenderJob(label, user.scene, stack, self._stacks, backend, measure_grain, wanted)
 
     def _jobs_on_cut_stacks(self) -> list[Job]:
         jobs: list[Job] = []
@@ -388,7 +364,7 @@ class JobOrder:
         """Return the slices of this shard whose grain is to be measured; none if that cannot be known yet."""
         if self._plan.share is None or not stack.has_geometry(self._stacks):
             return ()
-        mine = [spec for spec in stacks_to_repeat(stack.moments, self._stacks) if spec in self._plan.share.specs]
+        mine = [spec for spec in stacks_to_repeat(stack.specs, self._stacks) if spec in self._plan.share.specs]
         return tuple(spec for spec in mine if read_grain(self._stacks, spec) is None)
 
     def _record_if_whole(self, stack: TimeResolvedStack) -> list[Job]:
@@ -396,8 +372,7 @@ class JobOrder:
 
         Two shards that see this at once begin with different sequences, and keep those that the other has made.
         """
-        rendered = [stack, *self._sharp_stacks(stack)]
-        if any(one.find_missing(self._stacks) for one in rendered) or not stack.has_grain(self._stacks):
+        if stack.find_missing(self._stacks) or not stack.has_grain(self._stacks):
             return []
         jobs = self._record_jobs(stack, self._plan.by_cut_stack[stack])
         first = self._plan.resolved.part[0] % max(len(jobs), 1)
@@ -416,7 +391,6 @@ class JobOrder:
                 self._plan.folder / s.planned.file,
                 s.fingerprint(digest),
                 self._workers,
-                s.sharp_stack,
             )
             for s in users
         ]

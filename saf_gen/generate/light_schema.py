@@ -4,7 +4,6 @@ from saf_gen.core.config.json_schema import CHOICE, OPEN, Schema, define_schema
 from saf_gen.core.spectrum import FORMS, NAMES
 from saf_gen.plugins.lights import COMMON_KEYS, PRODUCT, UNITS
 
-SPECTRUM: Schema = {"$ref": "#/$defs/Spectrum"}
 SPECTRA: list[Schema] = [
     {"enum": list(NAMES)},
     *(
@@ -22,17 +21,7 @@ COMMON: dict[str, Schema] = {
     "offset": {"type": "number", "minimum": 0},
     "unit": {"enum": list(UNITS)},
     "lux_at_gain_1": {"type": "number", "exclusiveMinimum": 0},
-    "spectrum": {
-        "anyOf": [
-            SPECTRUM,
-            {
-                "type": "object",
-                "properties": {"from": SPECTRUM, "to": SPECTRUM},
-                "required": ["from", "to"],
-                "additionalProperties": False,
-            },
-        ]
-    },
+    "spectrum": {"$ref": "#/$defs/Spectrum"},
 }
 """Schemas of the keys that every light schedule accepts."""
 

@@ -120,15 +120,7 @@ def bytes_of_stacks(specs: Iterable[StackSpec]) -> int:
 
 def bytes_of_streams(sequences: Iterable[ResolvedSequence]) -> int:
     """Return the approximate disk space of the streams of these sequences, in bytes."""
-    made = list(sequences)
-    spikes = sum(s.pixel_frames for s in made) * STREAM_BITS_PER_PIXEL_FRAME / 8
-    return int(spikes) + sum(map(_sharp_bytes, made))
-
-
-def _sharp_bytes(sequence: ResolvedSequence) -> int:
-    """Return the bytes of the all-in-focus pictures in a stream."""
-    of_point = sequence.sharp_stack.specs if sequence.sharp_stack is not None else ()
-    return sum(4 * len(spec.groups) * spec.rows * spec.columns for spec in of_point)
+    return int(sum(s.pixel_frames for s in sequences) * STREAM_BITS_PER_PIXEL_FRAME / 8)
 
 
 def _stored_bytes(spec: StackSpec) -> int:
@@ -201,7 +193,7 @@ class Plan:
         mine = sum(spec in self.share.specs for spec in stack.specs)
         if mine == len(stack.specs):
             return ""
-        return f", {mine} of {len(stack.specs)} {'slices' if stack.is_moving else 'wavelengths'}"
+        return f", {mine} of {len(stack.specs)} slices"
 
     @property
     def renders(self) -> bool:
@@ -220,16 +212,19 @@ class Plan:
         return bytes_of_stacks(missing) + bytes_of_streams(s for s in self.sequences if s.planned.id in self.unrecorded)
 
     def kept_bytes(self, keep_slices: str) -> int:
-        """Return the approximate size of the slices and all-in-focus stacks that ``keep_slices`` keeps, in bytes."""
+        """Return the approximate size of the time slices that ``keep_slices`` keeps in the end, in bytes.
+
+        All-in-focus slices are always kept.
+        """
         stacks = {s.time_stack for s in self.sequences if keep_slices == "all" and s.time_stack.is_moving}
-        stacks |= {s.sharp_stack for s in self.sequences if keep_slices == "all" and s.sharp_stack is not None}
         if keep_slices != "none":
             stacks |= {s.closed_loop_slices for s in self.sequences if s.closed_loop_slices}
+        stacks |= {s.sharp_stack for s in self.sequences if s.sharp_stack and s.sharp_stack.is_moving}
         return bytes_of_stacks({spec for stack in stacks for spec in stack.specs})
 
     @cached_property
     def deletable(self) -> dict[frozenset[str], list[StackSpec]]:
-        """The slices and all-in-focus stacks that are not kept, by the ids of all sequences that are made from them.
+        """The slices that are not kept, by the ids of all sequences of the recipe that are recorded from them.
 
         There are none in a shard.
         """
@@ -237,9 +232,7 @@ class Plan:
             return {}
         users: defaultdict[StackSpec, set[str]] = defaultdict(set)
         for sequence in self.resolved.all_sequences:
-            moving = sequence.time_stack.specs if sequence.time_stack.is_moving else ()
-            of_point = sequence.sharp_stack.specs if sequence.sharp_stack is not None else ()
-            for spec in (*moving, *of_point):
+            for spec in sequence.time_stack.specs if sequence.time_stack.is_moving else ():
                 users[spec].add(sequence.planned.id)
         slices = [s.closed_loop_slices for s in self.resolved.all_sequences if s.closed_loop_slices]
         of_loop = dict.fromkeys(spec for stack in slices for spec in stack.specs)
@@ -262,8 +255,7 @@ class Plan:
             recordings = sum(s.planned.id in self.unrecorded for s in self.by_stack.get(stack, ()))
             render_s = fsum(render_seconds(spec) for spec in missing)
             if render_s:
-                starts = [next((spec for spec in band if spec in missing), None) for band in stack.bands]
-                render_s += fsum(start_seconds(spec) for spec in starts if spec)
+                render_s += start_seconds(missing[0])
                 render_s += 0.0 if stack == self.users[stack].sharp_stack else grain_seconds(stack)
             works.append((render_s, recordings))
         record_s = self.resolved.pixel_frames / rates.recorded_per_s(workers)
@@ -277,8 +269,8 @@ class Plan:
 def make_plan(resolved: ResolvedRecipe, target: Path, *, keep_slices: str = "all") -> Plan:
     """Return what a dataset lacks, without making or writing anything.
 
-    Time slices and all-in-focus stacks that were deleted after all their recordings had been made are not rendered
-    again, unless the closed loop needs them and ``keep_slices`` is not "none".
+    Time slices that were deleted after all their recordings had been made are not rendered again, unless the closed
+    loop needs them and ``keep_slices`` is not "none".
 
     Raises BadInput if ``keep_slices`` is not one of KEEP_SLICES, or if the target cannot be read or holds another
     dataset.
@@ -295,8 +287,9 @@ def make_plan(resolved: ResolvedRecipe, target: Path, *, keep_slices: str = "all
     by_stack = _group_by_stack(sequences)
     cut = _group_by_stack(s for s in resolved.sequences if share and s.time_stack in share.cut)
     makes = sequences if share is None else resolved.sequences
-    for_loop = dict.fromkeys(s.closed_loop_slices for s in makes if s.closed_loop_slices and keep_slices != "none")
-    to_render = _stacks_to_render(cut | by_stack, [*for_loop], folder=folder, share=share)
+    more = [s.closed_loop_slices for s in makes if keep_slices != "none"] + [s.sharp_stack for s in makes]
+    unrecorded = dict.fromkeys(stack for stack in more if stack)
+    to_render = _stacks_to_render(cut | by_stack, unrecorded, folder=folder, share=share)
     for stack, users in by_stack.items():
         unmade = any(s.planned.id not in made for s in users)
         if stack not in to_render and unmade and not stack.has_grain(folder / "stacks"):  # as after a stopped run
@@ -313,15 +306,15 @@ def _group_by_stack(sequences: Iterable[ResolvedSequence]) -> dict[TimeResolvedS
 
 def _stacks_to_render(
     by_stack: dict[TimeResolvedStack, list[ResolvedSequence]],
-    for_loop: Iterable[TimeResolvedStack],
+    unrecorded: Iterable[TimeResolvedStack],
     *,
     folder: Path,
     share: Share | None,
 ) -> dict[TimeResolvedStack, tuple[StackSpec, ...]]:
     """Return the stacks that are incomplete in a folder, with their missing parts.
 
-    ``for_loop`` holds those that the closed loop needs, unless no slices are kept for it.
-    Parts that are not in the share of a shard are not missing.
+    ``unrecorded`` holds those from which nothing is recorded: all-in-focus pictures, and what the closed loop needs,
+    unless no slices are kept for it. Parts that are not in the share of a shard are not missing.
     """
 
     def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
@@ -331,18 +324,14 @@ def _stacks_to_render(
     found = {
         stack: specs
         for stack, users in by_stack.items()
-        if (specs := missing(stack)) and not (stack.is_moving and _is_recorded(stack, users, folder=folder))
+        if (specs := missing(stack)) and not _is_recorded(stack, users, folder=folder)
     }
-    for stack, users in by_stack.items():
-        of_point = dict.fromkeys(s.sharp_stack for s in users if s.sharp_stack is not None)
-        if of_point and not _is_recorded(stack, users, folder=folder):
-            found |= {one: specs for one in of_point if (specs := missing(one))}
-    return found | {stack: specs for stack in for_loop if stack not in found and (specs := missing(stack))}
+    return found | {stack: specs for stack in unrecorded if stack not in found and (specs := missing(stack))}
 
 
 def _is_recorded(stack: TimeResolvedStack, users: list[ResolvedSequence], *, folder: Path) -> bool:
-    """Return whether all stacks have notes and all recordings are made; spikes are not read."""
-    if not stack.has_all_notes(folder / "stacks"):
+    """Return whether time slices all have notes and all recordings are made; spikes are not read."""
+    if not (stack.is_moving and stack.has_all_notes(folder / "stacks")):
         return False
     digest = stack.digest(folder / "stacks")
     return all(has_recording(folder / s.planned.file, s.fingerprint(digest)) for s in users)
@@ -362,5 +351,5 @@ def check_same_dataset(resolved: ResolvedRecipe, folder: Path) -> Manifest | Non
 
 
 def stacks_of(sequences: Iterable[ResolvedSequence]) -> list[StackSpec]:
-    """Return all stacks of these sequences, including all-in-focus ones and those of the closed loop, each once."""
+    """Return all stacks of these sequences, with all-in-focus pictures and slices for the closed loop, each once."""
     return list(dict.fromkeys(spec for sequence in sequences for stack in sequence.stacks for spec in stack.specs))

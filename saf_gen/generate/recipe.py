@@ -4,7 +4,6 @@ This module draws no numbers and opens no scenes: :mod:`saf_gen.generate.resolve
 """
 
 import math
-import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,10 +22,10 @@ from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_sche
 from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
-from saf_gen.errors import BadInput, closest, unknown
+from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.light_schema import define_lights
 from saf_gen.optics import AxialColour
-from saf_gen.plugins.lights import read_schedule, states_spectrum
+from saf_gen.plugins.lights import read_schedule
 
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]*$"
 
@@ -207,10 +206,6 @@ class RenderSettings(FrozenModel):
     estimator: Literal["filtered", "plain"] = "filtered"
     """``filtered`` lets paths share the light that they find on a surface, which leaves a quarter of the grain and a
     small bias; ``plain`` uses each path as it was traced, as ``scalar`` always does."""
-    bands: int = Field(default=1, ge=1, le=32)
-    """Wavelengths at which a scene is rendered whose lens is read from a file, if any light states its ``spectrum``:
-    each costs a rendering, and shows the lens as it is at this wavelength. By default pictures are mixed from those of
-    one wavelength."""
     per_scene: dict[str, SceneSamples] = Field(default_factory=dict)
     """Scenes with other numbers of samples than the rest, such as those with more grain."""
 
@@ -219,8 +214,6 @@ class RenderSettings(FrozenModel):
         """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
         values = serialize(self)
         del values["per_scene"]
-        if self.bands == 1:
-            del values["bands"]
         if self.per_scene:
             own = {name: one.model_dump(mode="json", exclude_none=True) for name, one in self.per_scene.items()}
             values["per_scene"] = own
@@ -256,11 +249,11 @@ class RenderSettings(FrozenModel):
 
 
 class TruthSettings(FrozenModel):
-    """What streams hold of the truth beside the true focus, the depth and the target."""
+    """What is made of the truth beside what every stream holds: the true focus, the depth and the target."""
 
     sharp: bool = Field(default=False, strict=True)
-    """Whether streams hold the all-in-focus charge of every pixel (``/truth/sharp``), for which a second stack is drawn
-    of every scene, with the aperture of a point; for perfect thin lenses and light of one wavelength."""
+    """Whether all-in-focus pictures of every recording are rendered, too: its stacks once more, with the aperture of a
+    point; for perfect thin lenses and light of one wavelength."""
 
 
 class SplitSettings(FrozenModel):
@@ -353,65 +346,12 @@ class Recipe(FrozenModel):
     scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Values or ranges of a scene's parameters, which replace those on its card."""
     truth: TruthSettings = TruthSettings()
-    """What streams hold of the truth beside the true focus, the depth and the target."""
+    """What is made of the truth beside what every stream holds: the true focus, the depth and the target."""
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out ``truth`` if it asks for nothing: recipes keep the text and fingerprint from before this key."""
         return {key: value for key, value in serialize(self).items() if key != "truth" or self.truth != TruthSettings()}
-
-
-class StackSettings(FrozenModel):
-    """A stack that was photographed: pictures in which the focus moves by equal steps, and where the target is."""
-
-    folder: str
-    """Folder of the pictures, in the order of the numbers in their names, or a file with several, relative to the
-    recipe's folder."""
-    values: Literal["linear", "srgb"] | None = None
-    """How values stand for light: as they are, or as sRGB; must be stated for all but OpenEXR files."""
-    step_um: float | None = Field(default=None, gt=0, lt=1e9)
-    """Distance of the focus between two pictures, µm; by default as an OME-TIFF or ImageJ file states it, else not
-    known."""
-    box: tuple[int, int, int, int] | None = None
-    """Left, top, columns and rows of the target in pixels of the pictures; by default all that the sensor sees."""
-    title: str = ""
-    """Title on one line, for lists; by default the name."""
-    licence: str
-    """SPDX identifier of the licence of the pictures."""
-
-
-STACKS_HAVE = "a recipe of stacks, whose positions are their pictures and whose optics are not known"
-
-
-class StackFocus(FocusSettings):
-    """The motion of the lens through stacks that were photographed."""
-
-    positions: int = Field(default=0, exclude=True)
-
-    @model_validator(mode="after")
-    def _check_known(self) -> "StackFocus":
-        for key in ("positions", "drive", "aberrations", "axial_colour"):
-            if key in self.model_fields_set:
-                raise ValueError(f"no {key} in {STACKS_HAVE}")
-        return self
-
-
-class StackRecipe(Recipe):
-    """A dataset of stacks that were photographed: nothing is rendered, and the scenes of its splits are its stacks."""
-
-    stacks: dict[str, StackSettings] = Field(min_length=1)
-    """Stacks by name, which splits name as their scenes."""
-    focus: StackFocus = StackFocus()
-    render: RenderSettings = Field(default=RenderSettings(samples=1, diffraction=False), exclude=True)
-
-    @model_validator(mode="after")
-    def _check_nothing_is_rendered(self) -> "StackRecipe":
-        for key in ("render", "scene_params", "truth"):
-            if key in self.model_fields_set:
-                raise ValueError(f"no {key} in {STACKS_HAVE}")
-        if self.camera.exposure.mean_rate is None or self.camera.exposure.f_number is not None:
-            raise ValueError(f"camera: {{exposure: {{mean_rate: …}}}} alone in {STACKS_HAVE}")
-        return self
 
 
 def read_recipe(path: str | Path) -> Recipe:
@@ -420,19 +360,11 @@ def read_recipe(path: str | Path) -> Recipe:
     Raises BadInput, with file and line, for the first entry that is wrong.
     """
     document = read_yaml(path)
-    # A misspelt key of stacks is told as one, too.
-    keys = document.data if isinstance(document.data, dict) else ()
-    of_stacks = any(closest(key, [*Recipe.model_fields, "stacks"]) == "stacks" for key in keys)
-    recipe = validate_document(StackRecipe if of_stacks else Recipe, document)
+    recipe = validate_document(Recipe, document)
     lights = {}
     for name, schedule in recipe.lights.items():
         _check_name("light", name, where=document.locate("lights", name))
         lights[name] = read_schedule(schedule, document, keys=("lights", name))
-        if of_stacks and states_spectrum(lights[name]):
-            raise BadInput(
-                f"light {name!r} has a spectrum", where=document.locate("lights", name),
-                allowed="lights without one: pictures hold light of one kind",
-            )  # fmt: skip
     motion = components.read_component("motions", recipe.focus.motion, document=document, keys=("focus", "motion"))
     recipe = recipe.model_copy(update={"lights": lights, "focus": recipe.focus.model_copy(update={"motion": motion})})
     owners: dict[str, str] = {}
@@ -457,18 +389,6 @@ def read_recipe(path: str | Path) -> Recipe:
                     hint="remove it from one of them; or give both splits members of the family, if it is one",
                 )
             owners[scene] = split_name
-    if isinstance(recipe, StackRecipe):
-        for name in recipe.stacks:
-            if not re.fullmatch(NAME_PATTERN, name) or name not in owners:
-                raise BadInput(
-                    f"the stack {name!r} is in no split" if name in recipe.stacks and re.fullmatch(NAME_PATTERN, name)
-                    else f"a stack is named {name!r}", where=document.locate("stacks", name),
-                    allowed="stacks that splits name, of lower-case letters, digits, - and _",
-                )  # fmt: skip
-        for name, split_name in owners.items():
-            if name not in recipe.stacks:
-                where = document.locate("splits", split_name, "scenes")
-                raise unknown("stack", name, allowed=recipe.stacks, where=where)
     for scene in recipe.render.per_scene:
         if scene not in owners:
             where = document.locate("render", "per_scene", scene)
@@ -495,33 +415,12 @@ def recipe_schema() -> Schema:
     schema = model_schema(Recipe, "saf_gen recipe")
     schema["properties"]["lights"]["additionalProperties"] = define_lights(schema)
     schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
-    _add_stacks(schema)
     exposure, motions = schema["$defs"]["ExposureSettings"]["properties"], define_schema(schema, "motions")
-    for part in ("FocusSettings", "StackFocus"):
-        focus = schema["$defs"][part]["properties"]
-        focus["motion"] = {**motions, "description": focus["motion"]["description"]}
+    focus = schema["$defs"]["FocusSettings"]["properties"]
+    focus["motion"] = {**motions, "description": focus["motion"]["description"]}
     rate = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
     exposure["mean_rate"]["anyOf"] = [rate, OPEN, {"type": "null"}]
     return schema
-
-
-def _add_stacks(schema: Schema) -> None:
-    """Let the schema of a recipe take stacks that were photographed, without what only a renderer needs."""
-    of_stacks = model_schema(StackRecipe, "")
-    schema["$defs"] |= {part: of_stacks["$defs"][part] for part in ("StackSettings", "StackFocus")}
-    del schema["$defs"]["StackFocus"]["properties"]["positions"]
-    schema["properties"]["stacks"] = of_stacks["properties"]["stacks"]
-    schema["properties"]["focus"] = {"anyOf": [{"$ref": f"#/$defs/{part}"} for part in ("FocusSettings", "StackFocus")]}
-    rendered = ["focus", "render"]
-    schema["required"] = [key for key in schema["required"] if key not in rendered]
-    schema["anyOf"] = [
-        {
-            "required": rendered,
-            "properties": {"focus": {"$ref": "#/$defs/FocusSettings"}},
-            "not": {"required": ["stacks"]},
-        },
-        {"required": ["stacks"], "properties": {"focus": {"$ref": "#/$defs/StackFocus"}, "render": False}},
-    ]
 
 
 def recipe_names() -> list[str]:

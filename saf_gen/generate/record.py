@@ -14,7 +14,6 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import PlannedSequence
 from saf_gen.plugins.lights import group_gains
-from saf_gen.stack.all_in_focus import SharpPictures
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Blends, Colour
 from saf_gen.stack.focal_stack import PICTURES
@@ -129,7 +128,6 @@ class Recorder:
         *,
         path: Path,
         fingerprint: str,
-        sharp_source: PlaneSource | None = None,
         threads: int | None = None,
         progress: Callable[[float], None] = lambda done: None,
     ) -> str:
@@ -137,8 +135,6 @@ class Recorder:
 
         Spikes are made and written block by block, so memory does not grow with the length of the recording.
         ``fingerprint`` is that of the plan; see :func:`fingerprint_generated_recording` for what the file stores.
-        ``sharp_source`` holds the stacks of :func:`saf_gen.stack.all_in_focus.sharp_stack`, for ``/truth/sharp``;
-        without it, the file has none.
 
         Raises BadInput if the schedule names a light group that the scene does not have, the motion does not fit the
         recording, the target is never seen, or the exposure is out of reach.
@@ -147,13 +143,7 @@ class Recorder:
         spec = time_stack.specs[0]
         position, log = sequence.lens_course(self.frames, readout_hz=hz)
         gain = group_gains(sequence.schedule, spec.groups, frames=self.frames, readout_hz=hz)
-        colour = Colour.find(
-            sequence.schedule,
-            spec.groups,
-            sensor=self.sensor,
-            axial_colour=sequence.axial_colour,
-            bands_nm=sequence.bands_nm,
-        )
+        colour = Colour.find(sequence.schedule, spec.groups, sensor=self.sensor, axial_colour=sequence.axial_colour)
         charge_source = ChargeSource(plane_source, self.sensor, colour=colour)
         blends = None if colour is None else _find_blends(colour, charge_source, plane_source=plane_source, gain=gain)
         photographed = spec.estimator == PICTURES
@@ -167,16 +157,6 @@ class Recorder:
         truth = replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position))
         if not photographed:
             optima = find_optima(charge_source, truth, position=position)
-        if sharp_source is not None:
-            sharp = SharpPictures.of_recording(
-                sharp_source,
-                plane_source,
-                sensor=self.sensor,
-                exposure=charge_source.scale,
-                truth=truth,
-                position=position,
-            )
-            truth = replace(truth, sharp=sharp, sharp_frame=np.array(sharp_source.time_stack.slice_frames))
         in_travel = np.clip(log, 0.0, 1.0)  # a reading may be a little outside
         metadata = Metadata(
             focus_position=log.astype(np.float32),
@@ -193,7 +173,6 @@ class Recorder:
                 "stack": "\n".join(spec.key for spec in time_stack.specs),
                 "stack_digest": plane_source.digest,
                 "variant": plane_source.backend,
-                **({} if sharp_source is None else _describe_sharp(sharp_source)),
                 **({} if photographed else {LENS_KEY: lens_to_text(spec.drive, pitch_m=spec.pitch_m)}),
                 **({} if grain is None else {GRAIN_KEY: grain.to_text()}),
                 **({"photographed": describe_picture_truth(spec, optima)} if photographed else {}),
@@ -225,20 +204,14 @@ class Recorder:
         charge_source.scale = exposure_scale(at_best, target, sensor=self.sensor, mean_rate=mean_rate)
 
 
-def _describe_sharp(sharp_source: PlaneSource) -> dict[str, str]:
-    """Return the texts of the provenance that name the stacks of the all-in-focus pictures."""
-    keys = "\n".join(spec.key for spec in sharp_source.time_stack.specs)
-    return {"sharp_stack": keys, "sharp_stack_digest": sharp_source.digest}
-
-
 def _find_blends(colour: Colour, charge_source: ChargeSource, *, plane_source: PlaneSource, gain: np.ndarray) -> Blends:
     """Return the mixes of light on the target, which counts as lit as it is in the first picture that sees it."""
     time_stack = plane_source.time_stack
     charge = np.ones(len(colour.lamps))
-    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.moments, strict=True)):
+    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         _, target = plane_source.load_geometry(j)
         if target.any():
             middle = float(np.mean(spec.focus))
             charge = charge_source.charge_image(begin - 0.5, middle)[:, target].mean(axis=1, dtype=np.float64)
             break
-    return colour.blends([band[0] for band in time_stack.bands], gain=gain, charge=charge)
+    return colour.blends(time_stack.specs[0], gain=gain, charge=charge)

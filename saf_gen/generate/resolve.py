@@ -22,18 +22,19 @@ from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
 from saf_gen.errors import BadInput, closest, located, unknown
-from saf_gen.generate.colours import axial_colour, check_colours, find_bands, find_margin, in_bands, missing_colours
+from saf_gen.generate.colours import axial_colour, check_colours, find_margin
 from saf_gen.generate.lens_course import lens_course
 from saf_gen.generate.light_roles import missing_roles
-from saf_gen.generate.recipe import Recipe, StackRecipe, find_recipe, read_recipe
+from saf_gen.generate.recipe import Recipe, find_recipe, read_recipe
 from saf_gen.optics.actuators import Actuator, get_actuator
-from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps
+from saf_gen.plugins.lights import Schedule, draw_schedule, group_gains, list_lamps, states_spectrum
 from saf_gen.plugins.motions import lens_positions
-from saf_gen.scene.scene_folder import Scene, find_scene
+from saf_gen.scene.picture_card import PictureScene
+from saf_gen.scene.scene_folder import Scene, find_any_scene
 from saf_gen.stack.all_in_focus import sharp_stack
-from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.focal_stack import PICTURES, StackSpec
 from saf_gen.stack.other_cameras import OtherCamera, find_camera
-from saf_gen.stack.picture_stack import PictureStack, StackCard, read_picture_stack
+from saf_gen.stack.picture_stack import PictureStack, read_picture_stack
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
 
@@ -53,8 +54,6 @@ class SceneFamily:
         Role of each light group.
     axial_colour : mapping or None
         Axial colour of the lens, as the card states it.
-    bands_nm : tuple of float
-        Wavelengths (nm) at which recordings with spectra are rendered; empty for one.
     """
 
     params: Mapping[str, Any] = field(default_factory=dict)
@@ -62,7 +61,6 @@ class SceneFamily:
     illuminance_lux: Mapping[str, float] = field(default_factory=dict)
     roles: Mapping[str, str] = field(default_factory=dict)
     axial_colour: Mapping[str, Any] | None = None
-    bands_nm: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,6 @@ class PlannedSequence:
         Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
     axial_colour : dict or None
         Axial colour of the lens, if any light has a spectrum.
-    bands_nm : tuple of float
-        Wavelengths of its stacks, nm, if any light has a spectrum and there are several.
     actuator : Actuator or None
         What is told the lens motion; None if the lens moves as its motion says.
     actuator_seed : int
@@ -116,7 +112,6 @@ class PlannedSequence:
     motion: dict[str, Any]
     mean_rate: float | None
     axial_colour: dict[str, Any] | None = None
-    bands_nm: tuple[float, ...] = ()
     actuator: Actuator | None = None
     actuator_seed: int = 0
     is_scene: bool = False
@@ -124,15 +119,13 @@ class PlannedSequence:
     def as_dict(self) -> dict[str, Any]:
         """Return the sequence as plain data under the keys that files use, in which ``member`` is "variant".
 
-        ``axial_colour`` and ``bands_nm`` are left out if there are none, and what results count as a scene. The
+        ``axial_colour`` is left out if there is none, and what results count as a scene. The
         actuator is there with its seed and without its texts, if there is one.
         """
         data = {"variant" if key == "member" else key: value for key, value in asdict(self).items()}
         del data["is_scene"]  # which changes no spike
         if self.axial_colour is None:
             del data["axial_colour"]
-        if not self.bands_nm:
-            del data["bands_nm"]
         seed, actuator = data.pop("actuator_seed"), data.pop("actuator")
         if actuator is not None:
             del actuator["name"], actuator["sources"]  # texts do not move the lens
@@ -285,7 +278,6 @@ def _draw_sequence(
         motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
         mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
         axial_colour=dict(family.axial_colour) if coloured and family.axial_colour else None,
-        bands_nm=family.bands_nm if coloured else (),
         actuator=actuator,
         actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),
         is_scene=settings.members is not None,
@@ -415,8 +407,6 @@ class ResolvedSequence:
             "frames": self.frames,
             "seed": self.recipe_seed,
         }
-        if self.sharp_stack is not None:
-            decisive["sharp"] = [spec.key for spec in self.sharp_stack.specs]
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()
 
 
@@ -518,12 +508,14 @@ def resolve_recipe(
         actuator = _read_actuator(recipe, Path(recipe_path).parent)
     scenes: dict[str, Scene | PictureStack] = {}
     for name in (name for settings in recipe.splits.values() for name in settings.scenes):
-        if isinstance(recipe, StackRecipe):
-            scenes[name] = _read_stack(name, recipe, folder=Path(recipe_path).parent, sensor=sensor)
-            continue
         with located(where):
-            scenes[name] = scene = find_scene(name)
-        _check_drive(recipe, scene)
+            found = find_any_scene(name)
+            if isinstance(found, PictureScene):
+                _check_given_lens(recipe, name)
+                scenes[name] = read_picture_stack(found, (sensor.rows, sensor.columns))
+            else:
+                scenes[name] = found
+                _check_drive(recipe, found)
     if split is not None and split not in recipe.splits:
         raise unknown("split", split, allowed=recipe.splits, where=where)
     with located(where):
@@ -534,7 +526,6 @@ def resolve_recipe(
                 scene.card.illuminance_lux,
                 scene.card.light_roles,
                 _axial_colour(recipe, scene),
-                find_bands(recipe, scene) if isinstance(scene, Scene) else (),
             )
             for name, scene in scenes.items()
         }
@@ -544,6 +535,8 @@ def resolve_recipe(
     frames, hz = recipe.camera.frames, sensor.readout_hz
     for s in _distinct(planned, lambda s: [s.schedule, s.scene]):
         with located(where, prefix=f"light {s.light!r} on {s.scene}: "):
+            if isinstance(scenes[s.scene], PictureStack) and any(map(states_spectrum, s.schedule.values())):
+                raise BadInput("it has a spectrum", allowed="lights without one: pictures hold light of one kind")
             group_gains(s.schedule, tuple(scenes[s.scene].card.lights), frames=frames, readout_hz=hz)
     for s in _distinct(planned, lambda s: s.motion):
         with located(where, prefix=f"the lens motion of {s.id}: "):
@@ -552,21 +545,8 @@ def resolve_recipe(
         resolved = tuple(_resolve_sequences(planned, recipe, scenes=scenes, sensor=sensor))
         check_colours(resolved, recipe)
     wanted = tuple(sequence for sequence in resolved if split in (None, sequence.planned.split))
-    found = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part, others=others)
-    return replace(found, benchmark=_benchmark(found))
-
-
-def _read_stack(name: str, recipe: StackRecipe, *, folder: Path, sensor: Sensor) -> PictureStack:
-    """Return a stack of a recipe, whose pictures have all been read once."""
-    stated = recipe.stacks[name]
-    return read_picture_stack(
-        StackCard(name, stated.title or name, stated.licence),
-        folder / stated.folder,
-        values=stated.values,
-        step_um=stated.step_um,
-        box=stated.box,
-        shape=(sensor.rows, sensor.columns),
-    )
+    whole = ResolvedRecipe(recipe, resolved, wanted, scenes, sensor, part=part, others=others)
+    return replace(whole, benchmark=_benchmark(whole))
 
 
 def _axial_colour(recipe: Recipe, scene: Scene | PictureStack) -> dict[str, Any] | None:
@@ -584,8 +564,9 @@ def _check_samples(
     for name, own in recipe.render.per_scene.items():
         key = f"render.per_scene.{name}"
         scene = scenes[name]
-        if isinstance(scene, Scene) and scene.card.section is not None:
-            raise BadInput(f"{key}: a thin section is drawn by waves, without samples", hint=f"leave {name} out")
+        if isinstance(scene, PictureStack) or scene.card.section is not None:
+            what = "given pictures are" if isinstance(scene, PictureStack) else "a thin section is drawn by waves,"
+            raise BadInput(f"{key}: {what} without samples", hint=f"leave {name} out")
         if own.slice_samples is not None and "dynamic" not in motions[name]:
             raise BadInput(
                 f"{key}.slice_samples is {own.slice_samples}, but {name} is recorded only at rest",
@@ -617,7 +598,7 @@ def _resolve_sequences(
     stacks: dict[str, tuple[Scene | PictureStack, TimeResolvedStack, TimeResolvedStack | None]] = {}  # shared by lights
     of_point: dict[str, TimeResolvedStack] = {}
     for sequence in planned:
-        lens = [sequence.motion, sequence.actuator_seed, sequence.bands_nm]
+        lens = [sequence.motion, sequence.actuator_seed]
         key = json.dumps([sequence.scene, sequence.params, sequence.scene_motion, lens])
         if key not in stacks:
             scene = scenes[sequence.scene].with_params(sequence.params)
@@ -661,14 +642,13 @@ def _resolve_stacks(
             estimator=render.estimator,
             time_s=card.still_s if card.slices_per_s is not None else 0.0,
         )
-        margin = find_margin(spec, recipe, scene=scene, sensor=sensor, bands_nm=sequence.bands_nm)
-        bands = in_bands(replace(spec, margin=margin), scene, bands_nm=sequence.bands_nm)
+        spec = replace(spec, margin=find_margin(spec, recipe, scene=scene, sensor=sensor))
     if sequence.scene_motion == "static":
-        return TimeResolvedStack((0,), bands), None
+        return TimeResolvedStack((0,), (spec,)), None
     slices_per_s = render.slices_per_s or card.slices_per_s or 0.0
     position = sequence.lens_course(frames, readout_hz=hz)[0]
     starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
-    before, after = margin
+    before, after = spec.margin
     windows = [
         (first - before, last + after) for first, last in slice_windows(position, starts, positions=spec.positions)
     ]
@@ -676,8 +656,7 @@ def _resolve_stacks(
     filtered = render.estimator == "filtered"
     moments = slice_moments(times) if filtered else [()] * len(times)
     slices = (
-        replace(band, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
-        for band in bands
+        replace(spec, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
         for time_s, window, shading_moments in zip(times, windows, moments, strict=True)
     )
     stack = TimeResolvedStack(starts, tuple(slices))
@@ -704,6 +683,21 @@ def _read_actuator(recipe: Recipe, folder: Path) -> Actuator | None:
     if name is None:
         return None
     return get_actuator(folder / name if is_preset_file(name) else name)
+
+
+def _check_given_lens(recipe: Recipe, name: str) -> None:
+    """Raise BadInput if a recipe states what only a scene with a known lens and light can have."""
+    exposure, focus = recipe.camera.exposure, recipe.focus
+    stated = {
+        "camera.exposure.absolute": exposure.absolute, "camera.exposure.f_number": exposure.f_number,
+        "focus.drive": focus.drive, "focus.aberrations": focus.aberrations, "focus.axial_colour": focus.axial_colour,
+    }  # fmt: skip
+    for key, value in stated.items():
+        if value:
+            raise BadInput(
+                f"{key} is given, and scene {name!r} was photographed, by a lens and in light that nobody knows",
+                allowed=f"recipes without {key}, with a mean_rate", hint=f"or leave {name} out",
+            )  # fmt: skip
 
 
 def _check_drive(recipe: Recipe, scene: Scene) -> None:
@@ -758,18 +752,12 @@ focus. Recipes that come with saf_gen have 3.6 to 10.5."""
 
 
 def coarse_sampling(resolved: ResolvedRecipe) -> list[str]:
-    """Return a line for each scene with too few focus positions, fewer time slices than its card states, or light whose
-    colours its pictures do not wholly show, and for each role that a light means and scenes lack; of stacks that were
-    photographed, what is known of them.
+    """Return a line for each scene with too few focus positions or fewer time slices than its card states, and for each
+    role that a light means and scenes lack; of stacks that were photographed, what is known of them.
     """
     roles = missing_roles(resolved.sequences, resolved.recipe.lights)
-    photographed = [
-        line for scene in resolved.scenes.values() if isinstance(scene, PictureStack) for line in scene.remarks
-    ]
-    if photographed:
-        return [*photographed, *roles]
-    colours = missing_colours(resolved.sequences)
-    return [*_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *colours, *roles]
+    given = [scene.remark for scene in resolved.scenes.values() if isinstance(scene, PictureStack)]
+    return [*given, *_find_coarse_positions(resolved), *_find_coarse_slices(resolved), *roles]
 
 
 def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
@@ -780,6 +768,8 @@ def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
     widths: dict[str, tuple[float, int]] = {}
     for sequence in resolved.sequences:
         spec = sequence.time_stack.specs[0]
+        if spec.estimator == PICTURES:
+            continue
         low, high = spec.drive.depth_of_focus(0.5, spec.pitch_m, wavelength_m=spec.wavelength_m)
         widths[spec.scene] = min(widths.get(spec.scene, (math.inf, 0)), (high - low, spec.positions))
     lines = []

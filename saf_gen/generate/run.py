@@ -33,12 +33,12 @@ from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
 from saf_gen.generate.plan import Plan, check_same_dataset, make_plan
-from saf_gen.generate.recipe import Recipe, RenderSettings, StackRecipe
+from saf_gen.generate.recipe import Recipe, RenderSettings
 from saf_gen.generate.record import Recorder, has_generated_fingerprint
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence, recipe_fingerprint
+from saf_gen.scene.picture_card import PictureCard
 from saf_gen.scene.scene_folder import SceneCard
 from saf_gen.stack.focal_stack import PICTURES, WAVES, StackStore
-from saf_gen.stack.picture_stack import StackCard
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import FORMAT as MANIFEST_FORMAT
 from saf_gen.stream.manifest import (
@@ -182,13 +182,11 @@ def run_plan(
 
     @cache
     def choose_backend() -> tuple[str, bool]:
-        if isinstance(plan.resolved.recipe, StackRecipe):
-            return PICTURES, True
         name, renders_waves = _choose_renderer(variant, cluster=machines, notify=tell)
         by_waves = all(spec.estimator == WAVES for stack in plan.users for spec in stack.specs)
         return name, renders_waves or by_waves
 
-    backend_name, renders_waves = choose_backend() if plan.to_render else (variant, True)
+    backend_name, renders_waves = choose_backend() if plan.renders else (variant, True)
     diffraction = plan.resolved.recipe.render.diffraction
     leave_out = not renders_waves and diffraction is not False
     if leave_out:
@@ -384,11 +382,14 @@ def find_entry(sequence: ResolvedSequence, folder: Path, *, stack_digest: str | 
     )
 
 
-PHOTOGRAPHED = "focal stacks photographed by other cameras"
+ORIGINS = {
+    "rendered": "scenes rendered by Mitsuba through a thin lens",
+    "photographed": "focal stacks photographed by other cameras",
+}
 PAGE = Template("""# $name: spike-camera autofocus data
 
 Made by saf_gen from a recipe: $origin, seen by a model of the spike
-camera `$sensor`. Every sequence holds its true focus and the lens position at every frame$more.
+camera `$sensor`. Every sequence holds its true focus and the lens position at every frame.
 
 | | |
 |---|---|
@@ -409,7 +410,7 @@ $scenes
 - `manifest.json`: every sequence with split, scene, light, seed, file and `content_sha256`; the digest of every file.
 - `sequences.csv`: the same sequences as a table.
 - `<split>/<id>.h5`: a spike stream with its truth, and in `/provenance/recipe` the recipe that makes it again.
-- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more.
+- `stacks/`: the focal stacks (OpenEXR), shared by the sequences; needed only to record more$more.
 
 ```python
 import saf_gen
@@ -446,50 +447,49 @@ def _describe_actuator(name: str | None) -> str:
 def _describe_samples(render: RenderSettings) -> str:
     own = {name: render.of_scene(name).samples for name in render.per_scene}
     others = ", ".join(f"{name}: {samples}" for name, samples in own.items() if samples != render.samples)
-    bands = f", each {render.bands} times for lamps with spectra" if render.bands > 1 else ""
-    return f"{render.samples} samples per pixel{f' ({others})' if others else ''}{bands}"
+    return f"{render.samples} samples per pixel{f' ({others})' if others else ''}"
 
 
-def _describe_scene(card: SceneCard | StackCard) -> str:
+def _describe_scene(card: SceneCard | PictureCard) -> str:
     licence = card.licence or "not stated"
     return f"- `{card.id}`: {escape_markdown(f'{card.title}. Licence {licence}.')}"
 
 
 def write_dataset_card(
-    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard | StackCard]
+    folder: Path, recipe: Recipe, *, manifest: Manifest, scenes: Iterable[SceneCard | PictureCard]
 ) -> None:
     """Write README.md and croissant.json to a dataset folder that has its manifest, each completely or not at all."""
-    cards, of_stacks = list(scenes), isinstance(recipe, StackRecipe)
+    cards = list(scenes)
+    given = [isinstance(card, PictureCard) for card in cards]
+    kinds = [kind for kind, there in (("rendered", not all(given)), ("photographed", any(given))) if there]
     licences = read_licences(card.licence for card in cards)
     splits = Counter(entry.split for entry in manifest.sequences)
-    more = ", and the charge of every pixel if everything were in focus" if recipe.truth.sharp else ""
     text = PAGE.substitute(
         name=recipe.name,
         sensor=recipe.camera.spike_sensor,
         count=len(manifest.sequences),
         splits=", ".join(f"{split} {count}" for split, count in splits.items()) or "none finished yet",
         frames=recipe.camera.frames,
-        more=more,
-        origin=PHOTOGRAPHED if of_stacks else "scenes rendered by Mitsuba through a thin lens",
+        origin=" and ".join(ORIGINS[kind] for kind in kinds),
         positions="| one per picture; their steps, and the rule of the true focus, are in /provenance/photographed"
-        if of_stacks
+        if all(given)
         else f"rendered | {recipe.focus.positions}, {_describe_samples(recipe.render)}",
         motion=_describe_motion(recipe.focus.motion) + _describe_actuator(recipe.focus.actuator),
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,
         scenes="\n".join(map(_describe_scene, cards)),
+        more=", and to read all-in-focus pictures" if recipe.truth.sharp else "",
         next_command=manifest.next_command("."),
         example=manifest.sequences[0].file if manifest.sequences else "SPLIT/ID.h5",
     )
     matter = front_matter(manifest, licences)
     write_text(folder / "README.md", matter + text)
-    how = "photographed" if of_stacks else "rendered"
     described = (
-        f"Spike-camera autofocus data, {how} and simulated: {plural(len(manifest.sequences), 'sequence')} of "
-        f"{recipe.camera.frames} frames, sensor {recipe.camera.spike_sensor}, light {', '.join(recipe.lights)}. "
+        f"Spike-camera autofocus data, {' and '.join(kinds)} and simulated: "
+        f"{plural(len(manifest.sequences), 'sequence')} of {recipe.camera.frames} frames, "
+        f"sensor {recipe.camera.spike_sensor}, light {', '.join(recipe.lights)}. "
         f"Scenes: {'; '.join(f'{card.id}, {card.title}' for card in cards)}. "
-        f"Each sequence holds its true focus and the lens position at every frame{more}."
+        f"Each sequence holds its true focus and the lens position at every frame."
     )
-    write_croissant(
-        folder, manifest, facts=DatasetFacts(described, licences, responsible=PHOTOGRAPHS if of_stacks else SYNTHETIC)
-    )
+    responsible = PHOTOGRAPHS if any(given) else SYNTHETIC
+    write_croissant(folder, manifest, facts=DatasetFacts(described, licences, responsible=responsible))

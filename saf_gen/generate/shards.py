@@ -6,7 +6,7 @@ dearest to the shard with the least to do. Only if that leaves a shard with too 
 runs of neighbouring time slices as possible, because each run must trace the light paths of the moments before it.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import fsum
@@ -67,8 +67,8 @@ class _Family:
 
     @cached_property
     def firsts(self) -> frozenset[int]:
-        """Indices of the specs with which a stack begins, or one of its wavelengths."""
-        return frozenset(self.specs.index(band[0]) for stack in self.stacks for band in stack.bands)
+        """Indices of the specs with which a stack begins."""
+        return frozenset(self.specs.index(stack.specs[0]) for stack in self.stacks)
 
     @cached_property
     def costs(self) -> list[float]:
@@ -110,8 +110,9 @@ _Run = tuple[_Family, int, int]
 def share_out(resolved: ResolvedRecipe, count: int) -> list[Share]:
     """Return the shares of ``count`` shards, which together make the sequences of a recipe or of one of its splits.
 
-    Nothing is made twice, and nothing is left out. The slices that only a closed-loop run needs are dealt out last, so
-    that shards that leave them out (``--keep-slices none``) render the same pictures of the recordings.
+    Nothing is made twice, and nothing is left out. What nothing is recorded from, all-in-focus pictures and the slices
+    that only a closed-loop run needs, is dealt out last, so that shards that leave these slices out (``--keep-slices
+    none``) render the same pictures of the recordings.
     """
     recorded, for_loop = _find_families(resolved.sequences)
     runs: list[list[_Run]] = [[] for _ in range(count)]
@@ -140,31 +141,17 @@ def _stacks_of(families: Iterable[_Family]) -> tuple[TimeResolvedStack, ...]:
 
 
 def _find_families(sequences: Iterable[ResolvedSequence]) -> tuple[list[_Family], list[_Family]]:
-    """Return the families from which something is recorded, and those that only a closed-loop run needs."""
+    """Return the families from which something is recorded, and the others."""
     users: dict[TimeResolvedStack, list[ResolvedSequence]] = {}
-    of_point: dict[TimeResolvedStack, TimeResolvedStack] = {}
     for sequence in sequences:
         users.setdefault(sequence.time_stack, []).append(sequence)
-        if sequence.sharp_stack is not None:  # its pictures are in the recording
-            of_point[sequence.time_stack] = sequence.sharp_stack
-    for sharp in of_point.values():
-        users.setdefault(sharp, [])
-    for stack in [s.closed_loop_slices for made in users.values() for s in made]:
-        if stack is not None:
-            users.setdefault(stack, [])
+    for stack in [stack for made in users.values() for s in made for stack in s.stacks]:
+        users.setdefault(stack, [])
     families = [
         _Family(tuple(stacks), tuple(s for stack in stacks for s in users[stack]))
-        for stacks in join_by_stacks(users, lambda stack: _with_sharp(stack, of_point))
+        for stacks in join_by_stacks(users, lambda stack: stack.specs)
     ]
     return [one for one in families if one.recordings], [one for one in families if not one.recordings]
-
-
-def _with_sharp(
-    stack: TimeResolvedStack, of_point: Mapping[TimeResolvedStack, TimeResolvedStack]
-) -> tuple[StackSpec, ...]:
-    """Return the specs of a stack, and those of the all-in-focus pictures of what is recorded from it."""
-    sharp = of_point.get(stack)
-    return stack.specs if sharp is None else (*stack.specs, *sharp.specs)
 
 
 def join_by_stacks(items: Iterable[_T], specs_of: Callable[[_T], Iterable[StackSpec]]) -> list[list[_T]]:

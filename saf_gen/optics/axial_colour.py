@@ -36,7 +36,7 @@ GLASSES = {
 }
 """Coefficients B and C (µm²) of n² - 1 = Σ B·λ²/(λ² - C), by the name of the glass."""
 
-BAND_NM = np.arange(380.0, 1101.0, 5.0)
+SEEN_NM = np.arange(380.0, 1101.0, 5.0)
 """Light that a sensor may see; a stack is rendered wide enough for all of it, so that no lamp needs another stack."""
 MAX_MARGIN = 4
 """Largest shift of the focus on either side, in travels of the lens."""
@@ -84,10 +84,6 @@ class AxialColour(FrozenModel):
         focal_length_m = 2 * drive.aperture_radius_m * drive.f_number
         return self.relative_power(nm, reference_nm=reference_nm) / focal_length_m
 
-    def relative_to(self, nm: float | None) -> "AxialColour":
-        """Return the colour of the same lens whose pictures are drawn in light of ``nm``."""
-        return self.model_copy(update={"reference_nm": nm})
-
     def _power(self, nm: np.ndarray) -> np.ndarray:
         """Return φ(λ)/φ(d)."""
         if self.measured is not None:
@@ -129,14 +125,12 @@ def shifted_positions(drive: Drive, position: Positions, *, shift: Positions) ->
     return drive.best_position(drive.focus_depth(position), defocus=-np.asarray(shift, dtype=np.float64))
 
 
-def stack_margin(
-    colour: AxialColour, drive: Drive, *, positions: int, reference_nm: float, nm: np.ndarray = BAND_NM
-) -> tuple[int, int]:
+def stack_margin(colour: AxialColour, drive: Drive, *, positions: int, reference_nm: float) -> tuple[int, int]:
     """Return how many positions beyond either end of the travel colour needs, of ``positions`` in the travel.
 
-    ``nm`` is the light that is drawn. Raises BadInput if they are too many, or the lens cannot be there.
+    Raises BadInput if they are too many, or the lens cannot be there.
     """
-    shift = colour.shifts(drive, nm, reference_nm=reference_nm)
+    shift = colour.shifts(drive, SEEN_NM, reference_nm=reference_nm)
     ends = shifted_positions(drive, np.array([0.0, 1.0])[:, None], shift=shift)
     beyond = max(-float(ends.min()), float(ends.max()) - 1) if np.isfinite(ends).all() else np.inf
     if not beyond <= MAX_MARGIN:

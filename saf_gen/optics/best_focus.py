@@ -298,7 +298,7 @@ class FocusCriterion:
         depth = float(np.median(depths))
         v = float(self.drive.image_distance(np.clip(self.drive.best_position(depth), -1, 2)))
         seen = replace(self.drive, wavefront=self.drive.wavefront.seen_from(depth, v))  # type: ignore[union-attr,type-var]
-        return replace(self, drive=seen, blend=tuple((share, light.seen_from(depth, v)) for share, light in self.blend))
+        return replace(self, drive=seen)
 
     def _best_positions_of_fitted(self, depth: np.ndarray) -> np.ndarray:
         """Return the best position of each pixel, between those of depths that are in focus over the travel."""

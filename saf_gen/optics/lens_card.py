@@ -11,10 +11,10 @@ from saf_gen.core.config.document import FrozenModel
 from saf_gen.optics._drive import Drive
 from saf_gen.optics.axial_colour import AxialColour
 from saf_gen.optics.distortion import Distortion
+from saf_gen.optics.fitted_file import FittedLens, check_reach, read_lens
 from saf_gen.optics.fitted_lens_drive import FittedLensDrive
 from saf_gen.optics.focal_length_drive import FocalLengthDrive
 from saf_gen.optics.image_distance_drive import ImageDistanceDrive
-from saf_gen.optics.lens_file.fitted_file import FittedLens, check_reach, read_lens
 from saf_gen.optics.microscope_stage import Stage
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront

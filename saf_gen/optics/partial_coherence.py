@@ -64,21 +64,13 @@ MAX_SIDE = 1 << 14
 
 def check_lens(drive: Drive) -> None:
     """Raise BadInput if a lens differs over the field, which no single pupil describes."""
-    for name, found in {"vignetting": drive.ring, "distortion": drive.distortion}.items():
-        if found is not None:
-            raise BadInput(
-                f"a section is drawn by waves through one pupil, without {name}", hint=f"leave {name} out of scene.yaml"
-            )
-    if isinstance(drive.wavefront, FittedRays):
+    wavefront = drive.wavefront
+    varies = wavefront is not None and (isinstance(wavefront, FittedRays) or wavefront.varies_over_field)
+    if varies or drive.ring or drive.distortion:
         raise BadInput(
-            "a section is drawn by waves through one pupil, and the lens of the card is read from a file",
-            allowed="a lens that the card describes",
-        )
-    if drive.wavefront is not None and drive.wavefront.varies_over_field:
-        raise BadInput(
-            "a section is drawn by waves through one pupil, but the aberrations of the lens vary over the field",
-            allowed="spherical aberration alone",
-            hint="leave coma, astigmatism and field_curvature out of scene.yaml, and focus.aberrations out of a recipe",
+            "a section is drawn by waves through one pupil, and its lens differs over the field",
+            allowed="a lens that the card describes, with spherical aberration alone",
+            hint="leave other aberrations, and vignetting, out of scene.yaml, and focus.aberrations out of a recipe",
         )
 
 
@@ -350,12 +342,12 @@ def _rings(inner: float, outer: float, *, count: int) -> np.ndarray:
 
 def _fold(wave: np.ndarray, length: int, *, axis: int) -> np.ndarray:
     """Return a spectrum of at most ``length`` lines along an axis; its wave is the same at ``length`` even points."""
-    lines = wave.shape[axis]
-    if lines <= length:
+    if wave.shape[axis] <= length:
         return wave
-    head, tail = np.split(wave, [length], axis=axis)
+    head, *tails = np.split(wave, range(length, wave.shape[axis], length), axis=axis)
     head = head.copy()
-    np.moveaxis(head, axis, 0)[: lines - length] += np.moveaxis(tail, axis, 0)
+    for tail in tails:
+        np.moveaxis(head, axis, 0)[: tail.shape[axis]] += np.moveaxis(tail, axis, 0)
     return head
 
 

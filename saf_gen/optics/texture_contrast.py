@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
+from saf_gen.optics.fitted_rays import SeenWavefront
 from saf_gen.optics.wavefront import Wavefront
 
 MIN_CYCLES = 1 / 64  # per pixel
@@ -75,22 +75,10 @@ class Light(NamedTuple):
         Power δ of the lens for each part of the light, less that at the wavelength of the stack, 1/m.
     weights : tuple of float
         Fraction of the electrons that each part gives; together 1.
-    wavefront : FittedRays or SeenWavefront, optional
-        Aberrations of the lens for this light; by default as for all light.
-    wavelength_m : float, optional
-        Wavelength of its waves, metres; by default as for all light.
     """
 
     shifts: tuple[float, ...]
     weights: tuple[float, ...]
-    wavefront: FittedRays | SeenWavefront | None = None
-    wavelength_m: float | None = None
-
-    def seen_from(self, depth_m: float, image_distance_m: float) -> "Light":
-        """Return the light of a point at this distance (m) in front of the lens, for a sensor at V (m)."""
-        if not isinstance(self.wavefront, FittedRays):
-            return self
-        return self._replace(wavefront=self.wavefront.seen_from(depth_m, image_distance_m))
 
     @property
     def mean_shift(self) -> float:
@@ -184,16 +172,12 @@ def contrast_curve(
         squared = squared_contrast(defocus, wavefront, imaging=imaging, height_m=height_m)
         return ContrastCurve(defocus, squared, balanced, float(np.sqrt(rays.left)))
     # Light adds up, so transfers do: each lamp's is found once, on one grid for every share of the lamps.
-    of_lights = [
-        (share, light, rays if light.wavefront is None else _rays(_own(light, wavefront), imaging, height_m=height_m))
+    parts = [  # of the light: share, and power of the lens beyond that at the wavelength of the stack
+        (share * weight, shift)
         for share, light in blend
-    ]
-    parts = [  # of the light: share, and defocus of the least blur beyond that of the wavefront
-        (share * weight, shift + (own.balanced - balanced))
-        for share, light, own in of_lights
         for shift, weight in zip(light.shifts, light.weights, strict=True)
     ]
-    reach = (REACH + max(own.spread for _, _, own in of_lights)) * imaging.resolved_defocus
+    reach = (REACH + rays.spread) * imaging.resolved_defocus
     low = int(np.floor((min(shift for _, shift in parts) - reach) / step))
     high = int(np.ceil((max(shift for _, shift in parts) + reach) / step))
     lamps = [
@@ -203,29 +187,20 @@ def contrast_curve(
     ]
     total = sum(share * found for share, found in lamps)
     squared = (np.abs(total) ** 2) @ _texture(imaging.pitch_m)
-    mean_shift = sum(share * (light.mean_shift + (own.balanced - balanced)) for share, light, own in of_lights)
-    left = rays.left
-    if any(light.wavefront is not None for _, light in blend):  # points of several wavelengths beside each other
-        centre = sum(share * own.middle for share, _, own in of_lights)
-        left = sum(
-            share * (own.left + 2 * float(abs(own.middle - centre) ** 2) / imaging.radius_m**2)
-            for share, _, own in of_lights
-        )
-    left += sum(share * (shift - mean_shift) ** 2 for share, shift in parts)
+    mean_shift = sum(share * light.mean_shift for share, light in blend)
+    left = rays.left + sum(share * (shift - mean_shift) ** 2 for share, shift in parts)
     return ContrastCurve(
         balanced + np.arange(low, high + 1) * step, squared, balanced + mean_shift, float(np.sqrt(left))
     )
 
 
 class _Rays(NamedTuple):
-    """What rays say about a wavefront: the defocus (1/m) of its least blur, the blur² left there as (1/m)², the mean of
-    the slopes along x and, times i, along y, and how many half depths of focus from there any part of the lens focuses
-    at most.
+    """What rays say about a wavefront: the defocus (1/m) of its least blur, the blur² left there as (1/m)², and how
+    many half depths of focus from there any part of the lens focuses at most.
     """
 
     balanced: float = 0.0
     left: float = 0.0
-    middle: complex = 0.0
     spread: float = 0.0
 
 
@@ -239,13 +214,7 @@ def _rays(wavefront: Wavefront | SeenWavefront | None, imaging: Imaging, *, heig
     # Blur is the scatter of the slopes; a defocus of 1/m alone has the mean square radius²/2.
     left = max(2 * float(np.var(slope, axis=1).sum()) / radius**2 - balanced**2, 0.0)
     spread = 4 * wavefront.largest_path(radius, height_m) / radius**2 / imaging.resolved_defocus
-    return _Rays(balanced, left, complex(np.mean(slope[0]), np.mean(slope[1])), spread)
-
-
-def _own(light: Light, wavefront: Wavefront | SeenWavefront | None) -> Wavefront | SeenWavefront | None:
-    """Return the aberrations for a light, which are by default those for all light."""
-    assert not isinstance(light.wavefront, FittedRays)  # callers take the lens as it is seen from a depth
-    return light.wavefront or wavefront
+    return _Rays(balanced, left, spread)
 
 
 def _waves(pitch_m: float) -> list[tuple[float, float]]:
@@ -281,9 +250,6 @@ def _transfer(
     shifts, weights = np.array(light.shifts), np.array(light.weights)
     balanced = _rays(wavefront, imaging, height_m=height_m).balanced
     waves = _waves(imaging.pitch_m)
-    wavefront, bent = _own(light, wavefront), imaging
-    if light.wavelength_m is not None:
-        bent = imaging._replace(wavelength_m=light.wavelength_m)
     if wavefront is None:
         waves = waves[:FREQUENCIES]  # a perfect lens is the same in all directions
     largest = 2 * np.pi * imaging.image_distance_m * imaging.radius_m * max(np.hypot(*wave) for wave in waves)
@@ -291,7 +257,7 @@ def _transfer(
     colour = np.exp(-1j * np.outer(knots, shifts)) @ weights
     found = np.empty((count, len(waves)), np.complex64)
     for n, (fx, fy) in enumerate(waves):
-        by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=bent, height_m=height_m)
+        by_defocus, by_waves = _phases(fx, fy, wavefront=wavefront, imaging=imaging, height_m=height_m)
         each = np.interp(by_defocus, knots, colour.real) + 1j * np.interp(by_defocus, knots, colour.imag)
         each = each * np.exp(1j * (by_waves + (balanced + steps[0] * step) * by_defocus))
         turns = np.broadcast_to(np.exp(1j * step * by_defocus), (count, each.size)).copy()

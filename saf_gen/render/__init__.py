@@ -10,19 +10,16 @@ from saf_gen.render import _import_mitsuba, backend, depth_and_target, estimator
 from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
 from saf_gen.render.scene_renderer import SceneRenderer
-from saf_gen.render.section_renderer import SectionRenderer, render_missing_sections
+from saf_gen.render.thin_section import SectionRenderer, draw_missing
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import PixelGrid, StackSpec, StackStore
 
 MOMENTS_IN_LIGHT = 5  # at which the target's own light is looked for, if it moves or is moved past
 
-Renderer = SceneRenderer | SectionRenderer
-"""What renders a scene: by light paths, or a thin section by waves."""
-
-__all__ = ["Renderer", "_import_mitsuba", "make_renderer", "render_missing"]
+__all__ = ["_import_mitsuba", "make_renderer", "render_missing"]
 
 
-def make_renderer(scene: Scene, grid: PixelGrid, *, backend_name: str, wavelength_m: float = 0.0) -> Renderer:
+def make_renderer(scene: Scene, grid: PixelGrid, *, backend_name: str, wavelength_m: float = 0.0) -> SceneRenderer:
     """Return the renderer of a scene; see :class:`SceneRenderer` for the parameters and errors."""
     if scene.card.section is not None:
         return SectionRenderer(scene, grid)
@@ -77,7 +74,7 @@ def render_missing(
     """
     if scene.card.section is not None:
         drawn = [spec for spec in specs if wanted is None or spec in wanted]
-        return render_missing_sections(scene, drawn, root=root, threads=threads, progress=progress)
+        return draw_missing(scene, drawn, root=root, threads=threads, progress=progress)
     if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
         raise BadInput(
             f"variant {backend_name} cannot render diffraction",

@@ -18,8 +18,9 @@ import numpy as np
 
 from saf_gen.core.files import temporary_folder
 from saf_gen.core.region import bounding_box
-from saf_gen.render import Renderer, render_missing
+from saf_gen.render import render_missing
 from saf_gen.render.depth_and_target import DepthAndTarget
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.grain import Grain, estimate_grain, measure_pictures, read_grain, write_grain
@@ -62,10 +63,6 @@ def measure_by_repeat(
     again = {spec: second_render(spec, slices=len(specs)) for spec in chosen}
     todo = [s for s in chosen if (wanted is None or s in wanted) and read_grain(root, s) is None]
     if not todo:
-        return
-    if scene.card.section is not None:  # nothing is random: a second run would give the same pictures
-        for spec in todo:
-            _compare_stored(spec, StackStore(root, spec).load_planes(0, spec.rendered_count), root=root, samples=1)
         return
     with temporary_folder(root / "grain") as folder:
         render_missing(
@@ -113,13 +110,13 @@ class TargetGrain:
 
 
 def measure_still(
-    renderer: Renderer, seen: DepthAndTarget, *, at: Mapping[str, float], positions: int, samples: int
+    renderer: SceneRenderer, seen: DepthAndTarget, *, at: Mapping[str, float], positions: int, samples: int
 ) -> dict[str, TargetGrain]:
     """Return the grain at some positions, measured from two focal stacks over the whole travel of the scene at rest.
 
     Parameters
     ----------
-    renderer : Renderer
+    renderer : SceneRenderer
         Renderer of the scene.
     seen : DepthAndTarget
         Depth map and target of the scene.
@@ -145,7 +142,7 @@ def measure_still(
 
 
 def measure_slices(
-    renderer: Renderer,
+    renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
     at: Mapping[str, float],
@@ -180,7 +177,7 @@ def measure_slices(
 
 
 def render_slice_twice(
-    renderer: Renderer,
+    renderer: SceneRenderer,
     seen: DepthAndTarget,
     *,
     position: float,

@@ -1,4 +1,4 @@
-"""Scenes: folders with a card (``scene.yaml``) and a geometry (``scene.py`` or ``scene.xml``).
+"""Scenes: folders with a card (``scene.yaml``) and a geometry (``scene.py`` or ``scene.xml``), or with pictures.
 
 This module finds scenes, and reads and checks their cards; only :mod:`saf_gen.render` builds the geometry.
 """
@@ -21,11 +21,12 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics import Drive
+from saf_gen.optics.fitted_file import shipped_text
 from saf_gen.optics.lens_card import LensCard, LensFile
-from saf_gen.optics.lens_file.fitted_file import shipped_text
 from saf_gen.plugins.lights import check_groups, default_roles
 from saf_gen.scene import trusted_folders
 from saf_gen.scene.keyframes import RigidMotion, Vector
+from saf_gen.scene.picture_card import PictureCard, PictureScene
 from saf_gen.scene.section_card import SectionCard, check_section
 
 CARD_FILE, SCRIPT_FILE = "scene.yaml", "scene.py"
@@ -232,6 +233,21 @@ def scene_names() -> list[str]:
 def find_scene(name: str) -> Scene:
     """Return the scene of this name, with one fixed draw of its open parameters.
 
+    Raises BadInput as :func:`find_any_scene` does, and if the scene was photographed, so that nothing can be rendered.
+    """
+    return rendered(find_any_scene(name))
+
+
+def rendered(scene: Scene | PictureScene) -> Scene:
+    """Return a scene; raise BadInput if it was photographed, so that nothing can be rendered."""
+    if isinstance(scene, PictureScene):
+        raise BadInput(f"scene {scene.id!r} was photographed", allowed="scenes that are rendered")
+    return scene
+
+
+def find_any_scene(name: str) -> Scene | PictureScene:
+    """Return the scene of this name, which may be one whose pictures are given.
+
     A name cannot be a path, so that a recipe of unknown origin cannot lead to code outside the trusted folders.
 
     Raises
@@ -250,12 +266,17 @@ def find_scene(name: str) -> Scene:
 
 
 def load_scene(folder: Path) -> Scene:
+    """Return the scene in any folder that can be rendered; see :func:`load_any_scene`, and :func:`find_scene`."""
+    return rendered(load_any_scene(folder))
+
+
+def load_any_scene(folder: Path) -> Scene | PictureScene:
     """Return the scene in any folder; if its geometry is a script, the user must trust the folder.
 
     Raises
     ------
     BadInput
-        As :func:`find_scene` does, and for a ``scene.py`` in a folder that is neither registered, nor named by
+        As :func:`find_any_scene` does, and for a ``scene.py`` in a folder that is neither registered, nor named by
         ``SAF_GEN_SCENES``, nor the folder of the scenes that come with saf_gen.
     """
     folder = folder.resolve()
@@ -267,19 +288,22 @@ def load_scene(folder: Path) -> Scene:
 
 def _untrusted(folder: Path, problem: str) -> BadInput:
     root = folder.parent
-    trust = f"saf-gen init {root.parent}" if root.name == "scenes" else f"SAF_GEN_SCENES={root}"
     return BadInput(
         problem,
-        allowed="scene.py in a folder that `saf-gen init` registered or SAF_GEN_SCENES names; a path to a scene.xml",
-        hint=f"read its code, and if you trust it: {trust}",
+        allowed="scene.py in a folder that you trust; a path to a scene.xml",
+        hint=f"read its code, and if you trust it: saf-gen scenes list --trust {root}",
     )
 
 
-def _read(folder: Path) -> Scene:
+def _read(folder: Path) -> Scene | PictureScene:
     document = read_yaml(folder / CARD_FILE)
+    if isinstance(document.data, dict) and "pictures" in document.data:
+        given = validate_document(PictureCard, document)
+        _check_id(given.id, document, folder=folder)
+        contents = {CARD_FILE: given.pictures.model_dump_json().encode()}
+        return PictureScene(folder, given, folder_digest(folder, contents=contents, allow_outside_links=False))
     card = validate_document(SceneCard, document)
-    if card.id != folder.name:
-        raise BadInput(f"id is {card.id!r}", where=document.locate("id"), allowed=f"{folder.name}, the folder's name")
+    _check_id(card.id, document, folder=folder)
     geometry = [name for name in (SCRIPT_FILE, "scene.xml") if (folder / name).is_file()]
     if not geometry:
         raise BadInput(
@@ -309,6 +333,11 @@ def _read(folder: Path) -> Scene:
         except BadInput as error:
             raise BadInput(str(error), where=document.locate(*keys, lens.drive_class.travel_key)) from error
     return scene
+
+
+def _check_id(name: str, document: Document, *, folder: Path) -> None:
+    if name != folder.name:
+        raise BadInput(f"id is {name!r}", where=document.locate("id"), allowed=f"{folder.name}, the folder's name")
 
 
 def _check_kit(card: SceneCard, document: Document, *, folder: Path, has_script: bool) -> None:

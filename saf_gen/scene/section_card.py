@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pydantic import Field
 
 from saf_gen.core.config.document import Document, FrozenModel
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput
 
 TARGET = "section"
 
@@ -41,52 +41,14 @@ def check_section(
     target: Sequence[str],
     has_script: bool,
 ) -> None:
-    """Raise BadInput if other keys of a card, or the scene's files, do not fit a thin section.
-
-    Parameters
-    ----------
-    section : SectionCard
-        The card's ``section``.
-    document : Document
-        The card.
-    lights : mapping of str to sequence of str
-        Condensers by light group, as on the card.
-    target : sequence of str
-        Target of the card.
-    has_script : bool
-        Whether the scene has a ``scene.py``.
-    """
-    if not has_script:
-        raise BadInput(
-            "a thin section needs scene.py, not scene.xml",
-            where=document.locate("section"),
-            hint="write build(params), which returns transmission, path_nm and texel_um",
-        )
-    for group, names in lights.items():
-        for name in names:
-            if name not in section.condensers:
-                raise unknown(
-                    f"condenser of light group {group!r}:",
-                    name,
-                    allowed=section.condensers,
-                    where=document.locate("lights", group),
-                )
-    listed = {name for names in lights.values() for name in names}
-    for name in section.condensers:
-        if name not in listed:
-            raise BadInput(
-                f"the condenser {name!r} belongs to no light group",
-                where=document.locate("section", "condensers", name),
-                hint="list it under lights",
-            )
-    if list(target) != [TARGET]:
-        raise BadInput(
-            f"target is {list(target)}", where=document.locate("target"), allowed=f"[{TARGET}], the only surface"
-        )
-    for key in ("motion", "slices_per_s", "interpolation_error"):
-        if document.data.get(key):
-            raise BadInput(
-                f"a thin section does not move, but the card has {key}",
-                where=document.locate(key),
-                hint=f"remove {key}, or model the section as sheets that let light through (scenes/lily_anther)",
-            )
+    """Raise BadInput if other keys of a card, or the scene's files, do not fit a thin section."""
+    listed = sorted(name for names in lights.values() for name in names)
+    moves = [key for key in ("motion", "slices_per_s", "interpolation_error") if document.data.get(key)]
+    for key, fits, problem, allowed in (
+        ("section", has_script, "a thin section has scene.xml", "scene.py with build(params)"),
+        ("lights", listed == sorted(section.condensers), f"lights are {listed}", ", ".join(section.condensers)),
+        ("target", list(target) == [TARGET], f"target is {list(target)}", f"[{TARGET}], the only surface"),
+        ("section", not moves, f"a thin section has {', '.join(moves)}", "a section that does not move"),
+    ):
+        if not fits:
+            raise BadInput(problem, where=document.locate(key), allowed=allowed)

@@ -1,7 +1,8 @@
 """Folders of scenes that the user trusts, because a scene may be a script, which runs with the user's rights.
 
-A folder is trusted if ``saf-gen init`` has registered it for this user, or if ``SAF_GEN_SCENES`` names it. Being in the
-working directory does not make a ``scenes/`` folder trusted: it may have come in an archive from somebody else.
+A folder is trusted if ``saf-gen scenes list --trust`` has registered it for this user, or if ``SAF_GEN_SCENES`` names
+it. Being in the working directory does not make a ``scenes/`` folder trusted: it may have come in an archive from
+somebody else.
 """
 
 import os
@@ -35,7 +36,10 @@ def registered_folders() -> list[Path]:
     except FileNotFoundError:
         return []
     except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{file} cannot be read: {error}", hint="remove it, and run saf-gen init again") from error
+        raise BadInput(
+            f"{file} cannot be read: {error}",
+            hint="remove it, and trust the folders again: saf-gen scenes list --trust FOLDER",
+        ) from error
     return [Path(line) for line in lines if Path(line).is_absolute()]
 
 
@@ -59,7 +63,7 @@ def forget_folder(folder: Path) -> bool:
     """
     folder, known = folder.resolve(), registered_folders()
     if folder in known:
-        _write([one for one in known if one != folder])
+        _write([other for other in known if other != folder])
     return folder in known
 
 
@@ -81,8 +85,8 @@ def folders_in_use() -> list[Path]:
     Other registered folders are not searched for names of scenes.
     """
     local = Path("scenes").resolve()
-    return [*_named_folders(), *(one for one in registered_folders() if one == local)]
+    return [*_named_folders(), *(folder for folder in registered_folders() if folder == local)]
 
 
 def _named_folders() -> list[Path]:
-    return [Path(one) for one in os.environ.get(SCENES_VARIABLE, "").split(os.pathsep) if one]
+    return [Path(name) for name in os.environ.get(SCENES_VARIABLE, "").split(os.pathsep) if name]

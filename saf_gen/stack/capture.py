@@ -97,9 +97,6 @@ class Capture:
             sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor")
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
-            bands_nm = tuple(float(nm) for nm in sequence.get("bands_nm", ()))
-            if len(keys) % max(len(bands_nm), 1):
-                raise ValueError(bands_nm)
         except (KeyError, ValueError, TypeError, OverflowError) as error:
             raise BadInput(
                 "the stream does not say how to capture it again",
@@ -108,16 +105,13 @@ class Capture:
                 hint="remove it and run saf-gen generate again, or use --track recorded",
             ) from error
         specs = tuple(StackSpec.read(stacks, key) for key in keys)
-        moments = specs[: len(specs) // max(len(bands_nm), 1)]
-        moving = len(moments) > 1
+        moving = len(specs) > 1
         if moving and isinstance(sensor, FrameSensor):
             raise BadInput("frames of a moving scene cannot be captured again", where=where, allowed="scenes at rest")
-        slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in moments) if moving else (0,)
+        slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in specs) if moving else (0,)
         time_stack = TimeResolvedStack(slice_frames, specs)
         axial_colour, groups = sequence.get("axial_colour"), specs[0].groups
-        colour = Colour.find(
-            sequence.get("schedule", {}), groups, sensor=sensor, axial_colour=axial_colour, bands_nm=bands_nm
-        )
+        colour = Colour.find(sequence.get("schedule", {}), groups, sensor=sensor, axial_colour=axial_colour)
         plane_source, frames, slices = PlaneSource.from_folder(time_stack, stacks), len(gain), ""
         if plane_source.digest != provenance["stack_digest"]:
             raise BadInput(
@@ -126,7 +120,7 @@ class Capture:
                 hint="run saf-gen generate again",
             )
         full_travel = time_stack.with_full_travel()
-        if moving and full_travel == time_stack and full_travel.count_stored(stacks) < len(moments):
+        if moving and full_travel == time_stack and full_travel.count_stored(stacks) < len(specs):
             raise _lacking_slices_error(provenance.get("recipe", ""), where)
         if moving and full_travel != time_stack:
             frames = min(frames, slice_frames[max(full_travel.count_stored(stacks) - 1, 0)])

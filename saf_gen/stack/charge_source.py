@@ -166,12 +166,8 @@ class ChargeSource:
         else:
             before, after = spec.margin
             wide = range(positions.start - before, positions.stop + after)
-            for band, stacks in enumerate(self.time_stack.bands):
-                planes = self._plane_source.load_planes(
-                    j + band * len(stacks), wide.start - spec.first_index, wide.stop - spec.first_index
-                )
-                part = self._colour.mix(planes, spec, band=band, drawn=positions, rendered=wide)
-                radiance = part if band == 0 else radiance + part
+            planes = self._plane_source.load_planes(j, wide.start - spec.first_index, wide.stop - spec.first_index)
+            radiance = self._colour.mix(planes, spec, drawn=positions, rendered=wide)
         if spec.estimator == PICTURES:  # the light that fell on a sensor, in a unit that the exposure makes good
             charge = radiance * np.float32(electrons_per_irradiance(self.sensor))
         else:

@@ -10,18 +10,10 @@ sensor, T its filter, and V what the eye sees. Gains are illuminances: at gain 1
 the scene's card, and the electrons that the sensor makes of them follow. So a new lamp or another sensor costs no
 rendering; the stack depends on neither, only on how many positions beyond the travel the lens needs.
 
-**Bands.** Through a lens read from a file, the same positions may be rendered in light of several wavelengths λ_b, each
-a stack of its own. Light between two of them is drawn by both, in shares that are linear in its wavelength, and each
-is shifted as above by the colour that is left between λ and λ_b:
-
-    E(p) = Σ_b Σ w(λ)·h_b(λ)·L_b(p + Δp_b(λ))        Σ_b h_b(λ) = 1
-
-So no light is lost or counted twice, focus is that of each wavelength, and the place of a point moves with the
-wavelength as between the two stacks. One stack alone is the case h = 1.
-
 E is exact for ``focal_length``. A lens that moves, and a stage, draw the same picture at another scale, which is not
-changed here; :meth:`Colour.check` refuses what would be more than a pixel. Surfaces are taken to reflect all
-wavelengths alike, and waves bend at the aperture as those of reference light do.
+changed here; :meth:`Colour.check` refuses what would be more than a pixel. Lateral colour of lenses read from files is
+left out. Surfaces are taken to reflect all wavelengths alike, and waves bend at the aperture as those of reference
+light do.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,9 +26,8 @@ import numpy as np
 from saf_gen.camera import CountingSensor
 from saf_gen.core.spectrum import NM, describe, power_per_light
 from saf_gen.errors import BadInput
-from saf_gen.optics import AxialColour, FittedRays, FocusCriterion
+from saf_gen.optics import AxialColour, FocusCriterion
 from saf_gen.optics.axial_colour import shifted_positions
-from saf_gen.optics.lens_colour import hats
 from saf_gen.optics.texture_contrast import Blend, Light
 from saf_gen.plugins.lights import Lamp, list_lamps
 from saf_gen.stack.focal_stack import StackSpec
@@ -78,14 +69,11 @@ class Colour:
         Sensor of the camera.
     axial_colour : AxialColour or None
         Axial colour of the lens; None for a lens without.
-    bands_nm : tuple of float, default ()
-        Wavelengths of the stacks, nm; empty for one stack in reference light.
     """
 
     lamps: tuple[Lamp, ...]
     sensor: CountingSensor
     axial_colour: AxialColour | None
-    bands_nm: tuple[float, ...] = ()
 
     @classmethod
     def find(
@@ -95,7 +83,6 @@ class Colour:
         *,
         sensor: CountingSensor,
         axial_colour: Mapping[str, Any] | None,
-        bands_nm: Sequence[float] = (),
     ) -> "Colour | None":
         """Return the colour of a recording; None if each light group is one lamp in light of one wavelength.
 
@@ -109,14 +96,12 @@ class Colour:
             Sensor of the camera.
         axial_colour : mapping or None
             Keys of :class:`saf_gen.optics.AxialColour`.
-        bands_nm : sequence of float, default ()
-            Wavelengths of the stacks, nm.
         """
         lamps = tuple(list_lamps(schedule, groups))
         if len(lamps) == len(groups) and not any(lamp.spectrum for lamp in lamps):
             return None
         colour = AxialColour.model_validate(axial_colour) if axial_colour else None
-        return cls(lamps, sensor, colour, tuple(bands_nm))
+        return cls(lamps, sensor, colour)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -153,21 +138,13 @@ class Colour:
             for lamp in self.lamps
         )
 
-    @cached_property
-    def hats(self) -> np.ndarray:
-        """Share h of each wavelength's light that each stack draws, float64 (band, wavelength)."""
-        return hats(NM, self.bands_nm)
-
-    def power_shifts(self, lamp: int, spec: StackSpec, *, band: int = 0) -> np.ndarray:
+    def power_shifts(self, lamp: int, spec: StackSpec) -> np.ndarray:
         """Return by how much stronger the lens is for each wavelength than for that of a stack, 1/m (wavelength,)."""
-        colour = self.axial_colour
-        if colour is None or not (self.lamps[lamp].spectrum or self.bands_nm):
+        if self.axial_colour is None or not self.lamps[lamp].spectrum:
             return np.zeros_like(NM)
-        if self.bands_nm:
-            colour = colour.relative_to(self.bands_nm[band])
-        return colour.shifts(spec.drive, NM, reference_nm=self.reference_nm)
+        return self.axial_colour.shifts(spec.drive, NM, reference_nm=self.reference_nm)
 
-    def mixing(self, lamp: int, spec: StackSpec, *, band: int = 0, drawn: range, rendered: range) -> np.ndarray:
+    def mixing(self, lamp: int, spec: StackSpec, *, drawn: range, rendered: range) -> np.ndarray:
         """Return the weight of each rendered position of a stack in what a lamp draws at each position.
 
         Parameters
@@ -176,21 +153,18 @@ class Colour:
             Number of the lamp.
         spec : StackSpec
             The stack.
-        band : int, default 0
-            Number of the wavelength of the stack.
         drawn, rendered : range
             Indices of the positions of the pictures, and of those to mix them from.
 
         Returns
         -------
         ndarray of float32, shape (drawn, rendered)
-            Weights, 0 or more; rows, added over all bands, are the electrons that the lamp gives, relative to
-            reference light.
+            Weights, 0 or more; rows add up to the electrons that the lamp gives, relative to reference light.
         """
-        weights = self.weights[lamp] * self.hats[band]
+        weights = self.weights[lamp]
         seen = weights > 0
         steps = spec.positions - 1
-        shift = self.power_shifts(lamp, spec, band=band)[seen]
+        shift = self.power_shifts(lamp, spec)[seen]
         position = shifted_positions(spec.drive, (np.arange(drawn.start, drawn.stop) / steps)[:, None], shift=shift)
         knot = np.clip(position * steps - rendered.start, 0, len(rendered) - 1)
         near = np.rint(knot)
@@ -203,9 +177,8 @@ class Colour:
         np.add.at(found, (row, np.minimum(before + 1, len(rendered) - 1)), weights[seen] * after)
         return (np.round(found / WEIGHT_GRID) * WEIGHT_GRID).astype(np.float32)
 
-    def mix(self, radiance: np.ndarray, spec: StackSpec, *, band: int = 0, drawn: range, rendered: range) -> np.ndarray:
-        """Return what each lamp draws, as radiance of reference light that gives the same electrons: the part that a
-        stack gives, which is all of it without bands.
+    def mix(self, radiance: np.ndarray, spec: StackSpec, *, drawn: range, rendered: range) -> np.ndarray:
+        """Return what each lamp draws, as radiance of reference light that gives the same electrons.
 
         Sums are made plane by plane in one order, so that they are the same bit for bit on every machine.
 
@@ -213,7 +186,7 @@ class Colour:
         ----------
         radiance : ndarray of float32, shape (light, rendered, row, col)
             Radiance of the light groups at the rendered positions.
-        spec, band, drawn, rendered
+        spec, drawn, rendered
             See :meth:`mixing`.
 
         Returns
@@ -224,7 +197,7 @@ class Colour:
         out = np.zeros((len(self.lamps), len(drawn), *radiance.shape[2:]), np.float32)
         for n, lamp in enumerate(self.lamps):
             planes = radiance[spec.groups.index(lamp.group)]
-            weights = self.mixing(n, spec, band=band, drawn=drawn, rendered=rendered)
+            weights = self.mixing(n, spec, drawn=drawn, rendered=rendered)
             for k, row in enumerate(weights):
                 for j in np.flatnonzero(row):
                     out[n, k] += row[j] * planes[j]
@@ -237,19 +210,19 @@ class Colour:
         of_group = np.array([[lamp.group == group for group in groups] for lamp in self.lamps], dtype=np.float64)
         return (electrons @ of_group).astype(np.float32)
 
-    def blends(self, specs: Sequence[StackSpec], *, gain: np.ndarray, charge: np.ndarray) -> Blends:
+    def blends(self, spec: StackSpec, *, gain: np.ndarray, charge: np.ndarray) -> Blends:
         """Return the mixes of light on a target.
 
         Parameters
         ----------
-        specs : sequence of StackSpec
-            The stack of each wavelength.
+        spec : StackSpec
+            The stack.
         gain : ndarray, shape (T, lamp)
             Gain of each lamp in each readout.
         charge : ndarray, shape (lamp,)
             Electrons that each lamp gives on the target at gain 1.
         """
-        lights = [self._lights(n, specs) for n in range(len(self.lamps))]
+        lights = [self._light(n, spec) for n in range(len(self.lamps))]
         distinct = list(dict.fromkeys(lights))
         electrons = np.zeros((len(gain), len(distinct)))
         for n, light in enumerate(lights):
@@ -261,49 +234,34 @@ class Colour:
         parts = np.diff(np.rint(np.cumsum(shares, axis=1) * SHARES), axis=1, prepend=0)  # which add up to SHARES
         found, index = np.unique(parts, axis=0, return_inverse=True)
         blends = tuple(
-            tuple(
-                (float(part / SHARES) * share, light)
-                for part, bands in zip(row, distinct, strict=True)
-                for share, light in bands
-            )
-            for row in found
+            tuple((float(part / SHARES), light) for part, light in zip(row, distinct, strict=True)) for row in found
         )
         return Blends(blends, index.ravel())
 
-    def _lights(self, lamp: int, specs: Sequence[StackSpec]) -> Blend:
-        """Return the light of a lamp, that which each stack draws with its share, in parts of some nanometres."""
-        found, whole = [], self.weights[lamp].sum()
-        for band, spec in enumerate(specs):
-            weights, shifts = self.weights[lamp] * self.hats[band], self.power_shifts(lamp, spec, band=band)
-            rays = spec.drive.wavefront if self.bands_nm else None
-            assert rays is None or isinstance(rays, FittedRays)  # bands are for lenses read from files
-            share = float(weights.sum() / whole)
-            if not (shifts.any() or self.bands_nm):
-                found.append((share, Light((0.0,), (1.0,))))
-            elif share > 0:
-                part = np.arange(NM.size) // NM_PER_PART
-                total = np.bincount(part, weights)
-                mean = np.bincount(part, weights * shifts)[total > 0] / total[total > 0]
-                each = tuple((total[total > 0] / total.sum()).tolist())
-                found.append((share, Light(tuple(mean.tolist()), each, rays, spec.wavelength_m if rays else None)))
-        return tuple(found)
+    def _light(self, lamp: int, spec: StackSpec) -> Light:
+        """Return the light of a lamp, in parts of some nanometres."""
+        weights, shifts = self.weights[lamp], self.power_shifts(lamp, spec)
+        if not shifts.any():
+            return Light((0.0,), (1.0,))
+        part = np.arange(NM.size) // NM_PER_PART
+        total = np.bincount(part, weights)
+        mean = np.bincount(part, weights * shifts)[total > 0] / total[total > 0]
+        return Light(tuple(mean.tolist()), tuple((total[total > 0] / total.sum()).tolist()))
 
-    def check(self, specs: Sequence[StackSpec]) -> None:
-        """Raise BadInput if pictures of the wavelengths of these stacks cannot show this light.
+    def check(self, spec: StackSpec) -> None:
+        """Raise BadInput if pictures of one wavelength cannot show this light.
 
         They cannot if the scale would be wrong by more than a pixel at the edge of the picture, or the bending of waves
         by more than a quarter of a pixel, both rms over the light of a lamp.
         """
-        spec = specs[0]
         bend = FocusCriterion(spec.drive, spec.pitch_m, spec.wavelength_m).spread_by_waves_m / spec.pitch_m
         edge = float(np.hypot(spec.rows, spec.columns)) / 2
         middle = 0.5
         for n, lamp in enumerate(self.lamps):
             if not lamp.spectrum:
                 continue
-            weights = self.weights[n] / self.weights[n].sum() * self.hats
-            shift = np.stack([self.power_shifts(n, spec, band=band) for band in range(len(specs))])
-            position = shifted_positions(spec.drive, middle, shift=shift)
+            weights = self.weights[n] / self.weights[n].sum()
+            position = shifted_positions(spec.drive, middle, shift=self.power_shifts(n, spec))
             distance = float(spec.drive.object_distance(middle))
             moved = spec.drive.shift(position) - spec.drive.shift(middle)
             scale = spec.drive.image_distance(position) / spec.drive.image_distance(middle) * distance
@@ -315,8 +273,7 @@ class Colour:
                     allowed=f"at most {MAX_SCALE_PX:g}; the drive focal_length keeps the scale",
                     hint="give the lens less axial_colour, or the camera an IR cut with filter: ir_cut",
                 )
-            drawn = np.array(self.bands_nm or [self.reference_nm])[:, None]
-            wider = bend * float(np.sqrt((weights * ((NM - drawn) / drawn[0]) ** 2).sum()))
+            wider = bend * float(np.sqrt((weights * (NM / self.reference_nm - 1) ** 2).sum()))
             if spec.wavelength_m and wider > MAX_BEND_PX:
                 raise BadInput(
                     f"waves of {describe(lamp.spectrum)!r} would spread a point over {wider:.2g} pixels more or less "

@@ -166,7 +166,7 @@ def expose_light(
     light = np.stack([np.diff(integral(edges), axis=1) for integral in integrals], axis=-1)  # (rows, steps, G)
     j = 0
     if time_stack.is_moving:
-        times = np.array([spec.time_s for spec in time_stack.moments])
+        times = np.array([spec.time_s for spec in time_stack.specs])
         j = int(np.clip(np.searchsorted(times, middles.mean(), side="right") - 1, 0, len(times) - 2))
         later = np.clip((middles - times[j]) / (times[j + 1] - times[j]), 0, 1)[..., None]
         light = np.concatenate([light * (1 - later), light * later], axis=-1)

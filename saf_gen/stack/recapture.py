@@ -94,7 +94,7 @@ def record_photons(
     frames = int(capture.frames * ratio + 1e-9)
     time_stack, starts = plane_source.time_stack, tuple[int, ...]((0,))
     if time_stack.is_moving:
-        starts = tuple(round(spec.time_s * hz) for spec in time_stack.moments)
+        starts = tuple(round(spec.time_s * hz) for spec in time_stack.specs)
         frames = min(frames, starts[-1])
     plane_source = replace(plane_source, time_stack=TimeResolvedStack(starts, time_stack.specs))
     charge_source = ChargeSource(plane_source, placed, colour=capture.colour)
@@ -145,7 +145,7 @@ def resample(stream: SpikeStream, frames: int, *, readout_hz: float, middle_s: f
 
     Frame k of the other camera is the light about the moment k/``readout_hz`` + ``middle_s``, in seconds.
     """
-    metadata = stream.metadata.without_sharp()
+    metadata = stream.metadata
     at = (np.arange(frames) / readout_hz + middle_s) * stream.readout_hz - 0.5  # in readouts
 
     def resampled(values: np.ndarray | None) -> np.ndarray | None:

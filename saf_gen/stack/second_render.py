@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saf_gen.stack.focal_stack import PICTURES, StackSpec, StackStore
+from saf_gen.stack.focal_stack import PICTURES, WAVES, StackSpec, StackStore
 
 # Samples of a stack divided by the samples of its second render. A second render of 8 samples takes 16 to 19 % of the
 # processor time of a stack of 64. Noise falls faster than 1/samples, so noise over signal in C² comes out too large by
@@ -22,7 +22,7 @@ def stacks_to_repeat(specs: Sequence[StackSpec], root: Path) -> list[StackSpec]:
     Depth and target of all of them must be stored; otherwise BadInput is raised.
     """
     seen = []
-    for spec in specs if specs[0].estimator != PICTURES else ():  # what was photographed cannot be repeated
+    for spec in specs if specs[0].estimator not in (PICTURES, WAVES) else ():  # without grain, or not to be repeated
         depth, target = StackStore(root, spec).load_geometry()
         if target.any():
             seen.append((spec, abs(float(spec.focus.mean()) - spec.in_focus.true_focus(depth, target))))

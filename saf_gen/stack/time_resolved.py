@@ -3,9 +3,6 @@
 Between two moments the image changes linearly from one stack to the next. A readout at the fraction w of the time
 between them sees, at its focus position, (1 - w) of the earlier and w of the later stack, each interpolated between the
 two nearest positions. The encoder gets the two stacks as two sets of lights, so that this is exact at every readout.
-
-A scene that is drawn in light of several wavelengths (:mod:`saf_gen.stack.colour`) has a stack at each moment for each
-of them.
 """
 
 import hashlib
@@ -45,7 +42,7 @@ class TimeResolvedStack:
         Frame of each stack. A static scene has one; in a moving scene they rise from 0 to at least the length of the
         recording.
     specs : tuple of StackSpec
-        The stacks; of several wavelengths, those of all moments for the first, then those for the next.
+        The stacks.
     """
 
     slice_frames: tuple[int, ...]
@@ -55,17 +52,6 @@ class TimeResolvedStack:
     def is_moving(self) -> bool:
         """Whether the scene moves."""
         return len(self.slice_frames) > 1
-
-    @property
-    def moments(self) -> tuple[StackSpec, ...]:
-        """The stacks of all moments in light of the first wavelength, for what does not depend on it."""
-        return self.specs[: len(self.slice_frames)]
-
-    @property
-    def bands(self) -> tuple[tuple[StackSpec, ...], ...]:
-        """The stacks of all moments for each wavelength."""
-        step = len(self.slice_frames)
-        return tuple(self.specs[n : n + step] for n in range(0, len(self.specs), step))
 
     @property
     def holds_full_travel(self) -> bool:
@@ -83,20 +69,18 @@ class TimeResolvedStack:
     def truncated_to(self, frames: float) -> "TimeResolvedStack":
         """Return the stacks that the first ``frames`` readouts need, including the one after them."""
         count = 1 + sum(frame < frames for frame in self.slice_frames)
-        specs = tuple(spec for band in self.bands for spec in band[:count])
-        return TimeResolvedStack(self.slice_frames[:count], specs)
+        return TimeResolvedStack(self.slice_frames[:count], self.specs[:count])
 
     def count_stored(self, root: Path) -> int:
         """Return how many moments are stored under ``root`` before the first missing one, without reading them."""
-        stored = (all(StackStore(root, spec).has_all_pictures() for spec in at) for at in zip(*self.bands, strict=True))
-        return sum(takewhile(bool, stored))
+        return sum(takewhile(bool, (StackStore(root, spec).has_all_pictures() for spec in self.specs)))
 
     def has_grain(self, root: Path) -> bool:
         """Return whether grain has been measured for all stacks under ``root`` for which it is measured at all.
 
         Depth and target of all stacks must be stored; otherwise BadInput is raised.
         """
-        return all(read_grain(root, spec) is not None for spec in stacks_to_repeat(self.moments, root))
+        return all(read_grain(root, spec) is not None for spec in stacks_to_repeat(self.specs, root))
 
     def has_geometry(self, root: Path) -> bool:
         """Return whether depth and target of all stacks are stored under ``root``."""

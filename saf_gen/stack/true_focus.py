@@ -64,7 +64,7 @@ def find_true_focus(
         return _truth_at(plane_source, 0, position=best, frame=frame, blend=blend), frame
     usual = _usual(blends)
     seen_frames, best_positions, seen = [], [], []
-    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.moments, strict=True)):
+    for j, (begin, spec) in enumerate(zip(time_stack.slice_frames, time_stack.specs, strict=True)):
         depth, target = plane_source.load_geometry(j)
         seen.append(bool(target.any()))
         if seen[-1]:

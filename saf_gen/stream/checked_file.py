@@ -22,9 +22,6 @@ from saf_gen.stream.metadata import ARRAY_DATASETS, MAX_PIXELS, metadata_from_da
 GROUPS = ("focus", "light", "pixels", "time", "truth", "provenance")
 NAMES = frozenset(["/spikes", "/light/names", *(name for name, _, _ in ARRAY_DATASETS.values())])
 """The datasets that a stream may have, in addition to any text in ``/provenance``."""
-
-SHARP = "truth/sharp"
-"""The dataset of a stream, beside ``/spikes``, that is too large to be read when the stream is opened."""
 MAX_SMALL_BYTES = 1 << 29
 MAX_DEFLATED_BYTES = 1 << 20
 """Largest stored size, in bytes, of a compressed small dataset, which may expand a thousandfold."""
@@ -188,7 +185,7 @@ def check_deflated(item: h5py.Dataset, *, where: str) -> None:
 
 
 def read_small_datasets(
-    file: h5py.File, where: str, *, bulk: tuple[str, ...] = ("spikes", SHARP)
+    file: h5py.File, where: str, *, bulk: tuple[str, ...] = ("spikes",)
 ) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of every dataset except those that ``bulk`` names; text is str.
 

@@ -14,7 +14,6 @@ from saf_gen.errors import BadInput
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.defocus_blur import PROVENANCE_KEY as LENS_KEY
 from saf_gen.stream.metadata import Metadata, Truth
-from saf_gen.stream.sharp_charge import cut_pictures
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -96,7 +95,6 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
             depth=_crop(truth.depth, box),
             target=target if target is not None and target.any() else None,
             best_position=_crop(truth.best_position, box),
-            **cut_pictures(held, window, region=box),
             sharpness=truth.sharpness if whole and truth.track is None else None,
         ),
         provenance={**kept, "cut": dumps(part)},

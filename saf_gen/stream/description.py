@@ -13,7 +13,6 @@ from saf_gen.stream.event_file import EventFile
 from saf_gen.stream.frame_file import FrameFile
 from saf_gen.stream.metadata import Metadata, ReadableStream
 from saf_gen.stream.recorded_grain import grain_of_stream
-from saf_gen.stream.sharp_charge import describe_pictures
 
 RATE_BLOCKS = 50
 """Largest number of parts into which a recording is divided to compare their mean rates."""
@@ -67,8 +66,6 @@ def describe_content(stream: ReadableStream | EventFile | FrameFile, *, with_rat
             facts["target in focus"] = f"{first:.5f} to {last:.5f} of the travel, something of its middle 80 %"
     if truth.target is not None:
         facts["target"] = f"{np.mean(truth.target):.1%} of the pixels"
-    if truth.sharp is not None:
-        facts["all in focus"] = describe_pictures(truth.sharp)
     facts["grain"] = _describe_grain(stream)
     return facts
 

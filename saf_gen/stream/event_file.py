@@ -85,7 +85,7 @@ class EventWriter:
         self.content_sha256, self.count = "", 0
         if shape[0] / readout_hz > LONGEST_S:
             raise BadInput(f"the recording lasts {shape[0] / readout_hz:g} s", allowed=f"at most {LONGEST_S:,g} s")
-        self._datasets = metadata_to_datasets(metadata.without_sharp(), shape)
+        self._datasets = metadata_to_datasets(metadata, shape)
         self._hashes = {name: hashlib.sha256() for name in COLUMNS}
         self._index: list[np.ndarray] = []
         self._waiting: list[dict[str, np.ndarray]] = []

@@ -55,7 +55,7 @@ def write_frames(
         If a field of the metadata is not allowed, there are not T frames of this shape, or the folder cannot be
         written.
     """
-    datasets = metadata_to_datasets(metadata.without_sharp(), shape)
+    datasets = metadata_to_datasets(metadata, shape)
     sha, count = hashlib.sha256(), 0
     with atomic_file(Path(path)) as part, new_hdf5(part) as (file, disk):
         stored = file.create_dataset(

@@ -5,14 +5,14 @@
 values (little-endian, C order; text as UTF-8, each string followed by a zero byte). The values of ``/spikes`` are
 hashed as consecutive time blocks of 250 bytes along time, each in C order, so that both writing and verifying can
 stream. The group ``/provenance`` records how the content was made and is left out; the attribute ``provenance_sha256``
-is the SHA-256 of its lines. Because ``spikes_sha256`` holds the hash of the spikes alone, and ``sharp_sha256`` that of
-``/truth/sharp``, all other datasets can be checked when a file is opened.
+is the SHA-256 of its lines. Because ``spikes_sha256`` holds the hash of the spikes alone, all other datasets can be
+checked when a file is opened.
 """
 
 import hashlib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from html import escape
 from pathlib import Path
 from typing import Any, Protocol
@@ -28,18 +28,6 @@ KINDS = ("spikes", "photons")
 """What a 1 in a recording stands for: a spike of a pixel that integrates light, or a detection of a single photon."""
 MAX_PIXELS = 1 << 22
 """Largest number of pixels per frame; a time block of 2,000 frames of this size takes a gigabyte."""
-
-
-class Pictures(Protocol):
-    """Pictures that can be read one at a time: an ndarray, what a file holds, or what is computed when it is read."""
-
-    @property
-    def shape(self) -> tuple[int, ...]: ...
-
-    @property
-    def dtype(self) -> np.dtype: ...
-
-    def __getitem__(self, key: Any, /) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +63,6 @@ class Truth:
     lens : ndarray of float32, shape (T,), optional
         Position of the lens in the middle of each readout, if it is not where its drive was told to be, or its sensor
         read it: ``Metadata.focus_position`` is then that log.
-    sharp : array_like of float32, shape (S, G, H, W), optional
-        All-in-focus charge of each light group at S moments, in electrons per readout at gain 1, without noise. From a
-        file, ``sharp[j]`` reads that of one moment, and ``np.asarray(sharp)`` all.
-    sharp_frame : ndarray of int64, shape (S,), optional
-        Frame at whose beginning ``sharp`` shows the scene, rising; between two moments it changes linearly, and a scene
-        at rest has one.
     """
 
     position: float = math.nan
@@ -95,8 +77,6 @@ class Truth:
     in_focus: tuple[float, float] | None = None
     least_blur_in_focus: tuple[float, float] | None = None
     lens: np.ndarray | None = None
-    sharp: Pictures | None = None
-    sharp_frame: np.ndarray | None = None
 
     @property
     def known(self) -> bool:
@@ -135,10 +115,8 @@ class Truth:
     def _known_fields(self) -> dict[str, str]:
         """Return the known fields as text: numbers by value, arrays by dtype and shape."""
         held = {field.name: getattr(self, field.name) for field in fields(self)}
-        sharp = held.pop("sharp")  # which may be in a file, and need not be read for this
         known = {n: v for n, v in held.items() if v is not None and not np.isnan(np.asarray(v, float)).all()}
-        known |= {} if sharp is None else {"sharp": sharp}
-        return {n: f"{v.dtype} {v.shape}" if hasattr(v, "dtype") else repr(v) for n, v in known.items()}
+        return {n: f"{v.dtype} {v.shape}" if isinstance(v, np.ndarray) else repr(v) for n, v in known.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,17 +164,12 @@ class Metadata:
         """Where the lens was, float32 (T,): ``truth.lens``, or its log where nothing else is known; else None."""
         return self.focus_position if self.truth.lens is None else self.truth.lens
 
-    def without_sharp(self) -> "Metadata":
-        """Return the metadata without the all-in-focus charge, for another camera, whose readouts are not these."""
-        return replace(self, truth=replace(self.truth, sharp=None, sharp_frame=None))
-
     def readout_of(self, frame: int) -> int:
         """Return the number of the camera's readout that a frame is, both counted from 0."""
         return int(frame) if self.readout is None else int(self.readout[frame])
 
 
-# Field of Metadata or Truth -> dataset, dtype, axes (T, H, W, G lights, K positions, S moments). ``sharp`` is not among
-# them: it is large, and only stream files hold it (saf_gen.stream.sharp_charge).
+# Field of Metadata or Truth -> dataset, dtype, axes (T, H, W, G lights, K positions).
 ARRAY_DATASETS = {
     "focus_position": ("/focus/position", "float32", "T"),
     "image_distance": ("/focus/image_distance", "float32", "T"),
@@ -216,7 +189,6 @@ ARRAY_DATASETS = {
     "in_focus": ("/truth/in_focus", "float64", "2"),
     "least_blur_in_focus": ("/truth/least_blur_in_focus", "float64", "2"),
     "lens": ("/truth/lens", "float32", "T"),
-    "sharp_frame": ("/truth/sharp_frame", "int64", "S"),
 }
 _SCALARS = ("position", "depth_of_focus", "frame")
 _IN_EVERY_FRAME = ("focus_position", "track", "lens")
@@ -241,8 +213,6 @@ def _checked_array(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.
         raise BadInput("mask marks every pixel", allowed="at least one pixel that is not masked")
     if name == "readout":
         _check_readouts(source, converted)
-    if name == "sharp_frame" and ((converted != source).any() or (np.diff(converted) < 1).any() or not converted.size):
-        raise BadInput(f"sharp_frame is {source.tolist()!s:.60}", allowed="whole numbers that rise")
     return converted
 
 
@@ -350,28 +320,19 @@ def _stream_provenance_digest(lines: Iterable[str]) -> str:
 
 
 def stream_digests(
-    datasets: Iterable[tuple[str, Any]],
-    shape: tuple[int, int, int],
-    *,
-    spikes: str,
-    readout_hz: float,
-    frames: int,
-    sharp: tuple[tuple[int, ...], str] | None = None,
+    datasets: Iterable[tuple[str, Any]], shape: tuple[int, int, int], *, spikes: str, readout_hz: float, frames: int
 ) -> tuple[str, str]:
     """Return ``content_sha256`` and ``provenance_sha256``.
 
-    ``datasets`` are the names and values of all datasets except ``/spikes`` and ``/truth/sharp``; ``shape`` and
-    ``spikes`` are the shape and the SHA-256 of ``/spikes``, and ``sharp`` holds those of ``/truth/sharp``, if there is
-    one.
+    ``datasets`` are the names and values of all datasets except ``/spikes``; ``shape`` and ``spikes`` are the shape and
+    the SHA-256 of ``/spikes``.
     """
-    large = [_format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)]
-    if sharp is not None:
-        large.append(_format_digest_line("/truth/sharp", "float32", shape=sharp[0], sha256=sharp[1]))
+    spikes_line = _format_digest_line("/spikes", "uint8", shape=shape, sha256=spikes)
     lines = stream_digest_lines(datasets)
     of_provenance = [line for line in lines if line.startswith("/provenance/")]
     content = [line for line in lines if not line.startswith("/provenance/")]
     return (
-        _stream_content_digest([*content, *large], readout_hz=readout_hz, frames=frames),
+        _stream_content_digest([*content, spikes_line], readout_hz=readout_hz, frames=frames),
         _stream_provenance_digest(of_provenance),
     )
 

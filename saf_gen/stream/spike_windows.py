@@ -20,11 +20,10 @@ from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.count_cache import KeptCounts, counts_dtype, keep_counts
 from saf_gen.stream.manifest import SequenceEntry, check_single_split, read_manifest
-from saf_gen.stream.sharp_charge import SharpCharge
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 COUNTS_FOLDER = "counts"
-TARGETS = ("error", "position", "depth", "blur", "sharp")
+TARGETS = ("error", "position", "depth", "blur")
 
 
 @dataclass(frozen=True)
@@ -75,9 +74,8 @@ class SpikeWindows:
         ``error`` is the move that brings the lens into focus: the truth minus the position of the lens. ``position`` is
         the truth. Both are fractions of the travel in the middle of the window, float32 (). ``depth`` is the depth of
         what each pixel shows, in metres, and ``blur`` the signed diameter of its blur in the middle of the window, in
-        pixels (:meth:`SpikeStream.blur`). ``sharp`` is the charge that each pixel would collect in all readouts of the
-        window together if everything were in focus, in electrons (:meth:`SpikeStream.sharp`). All three are float32
-        (h, w) of the same pixels as the counts. A function of (stream, first, stop) may return anything.
+        pixels (:meth:`SpikeStream.blur`), both float32 (h, w) of the same pixels as the counts. A function of
+        (stream, first, stop) may return anything.
     counts : str or Path, optional
         Folder that keeps the counts: one byte per window and pixel, or two for windows of more than 255 frames. By
         default ``counts`` in the dataset. It may be deleted when nothing reads it.
@@ -92,8 +90,8 @@ class SpikeWindows:
     BadInput
         If the folder is not a dataset, the split or target is unknown, the dataset has several splits and none is
         given, or a number is not allowed; and, when a window is read, if the stream lacks the truth, the lens
-        positions, the aperture or the all-in-focus charge that its target needs, if its scene moves and the target is
-        its depth or blur, if ``crop`` is not within the frame, or if the folder for the counts cannot be written.
+        positions or the aperture that its target needs, if its scene moves and the target is its depth or blur, if
+        ``crop`` is not within the frame, or if the folder for the counts cannot be written.
     """
 
     def __init__(
@@ -192,9 +190,6 @@ class SpikeWindows:
         moments = firsts + self.window // 2
         if self.target in ("error", "position"):
             return partial(getitem, self._targets_at(stream, moments))
-        if self.target == "sharp":
-            charge = SharpCharge.of_stream(stream, region=self._box(stream))
-            return lambda at: charge.total(int(firsts[at]), int(firsts[at]) + self.window)
         from saf_gen.stream.defocus_blur import DefocusBlur, known_depth  # the optics take half a second to load
 
         if self.target == "depth":

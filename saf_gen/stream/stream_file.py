@@ -15,7 +15,6 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -27,14 +26,13 @@ from saf_gen.core import bits
 from saf_gen.core.files import HDF5_SIGNATURE, check_on_disk, refuse_link
 from saf_gen.core.plain_text import plural
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
-from saf_gen.errors import BadInput, closest, located
+from saf_gen.errors import BadInput, closest
 from saf_gen.stream import time_blocks
 from saf_gen.stream.checked_file import holds, open_spikes, read_attribute, read_small_datasets
 from saf_gen.stream.count_cache import count_windows
 from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.metadata import FORMAT, LAYOUT, metadata_from_datasets, stream_digests
 from saf_gen.stream.pixel_mask import Filling, PixelMask
-from saf_gen.stream.sharp_charge import check_pictures, digest_of, open_pictures, sharp_at, stated_digest
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk, chunk_shape, inflate_chunk
 
 
@@ -187,11 +185,6 @@ class SpikeStream:
         frames, self.readout_hz = int(frames), float(hz)
         self.content_sha256 = str(read_attribute(file, "content_sha256"))
         self.metadata = metadata_from_datasets(small, (frames, rows, columns))
-        self._sharp = open_pictures(file, path)
-        if self._sharp is not None:
-            self.metadata = replace(self.metadata, truth=replace(self.metadata.truth, sharp=self._sharp))
-        with located(where):
-            check_pictures(self.metadata, (frames, rows, columns))
         if length != -(-frames // 8) or frames < 1:
             raise BadInput(
                 f"/spikes is {self._spikes.dtype} {self._spikes.shape} for {frames} frames",
@@ -200,8 +193,7 @@ class SpikeStream:
             )
         self.shape = (frames, rows, columns)
         if (spikes := read_attribute(file, "spikes_sha256")) is not None:  # older streams have no such attribute
-            sharp = None if self._sharp is None else stated_digest(file, where)
-            self._check_digests(small.items(), str(spikes), sharp=sharp)
+            self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.counted = self.metadata.kind
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
@@ -426,31 +418,6 @@ class SpikeStream:
 
         return blur_at(self, frame)
 
-    def sharp(self, frame: int) -> np.ndarray:
-        """Return the charge that every pixel would collect in a readout if everything were in focus.
-
-        It is that of the aperture and the light of the recording, without noise. In a moving scene it has the scale of
-        the recorded picture, and is interpolated between the moments of ``truth.sharp``. At rest it has the scale of
-        the depth map, which is that of the true focus.
-
-        Parameters
-        ----------
-        frame : int
-            The frame, from 0.
-
-        Returns
-        -------
-        ndarray of float32, shape (H, W)
-            Photo-electrons expected in the readout, under the gains of this frame.
-
-        Raises
-        ------
-        BadInput
-            If there is no such frame, if the stream does not hold ``truth.sharp`` or its light, or if the file has
-            changed or is damaged.
-        """
-        return sharp_at(self, frame)
-
     def verify(self) -> None:
         """Read the whole file and compare it with its digests.
 
@@ -466,17 +433,12 @@ class SpikeStream:
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)
-        sharp = None if self._sharp is None else digest_of(self._sharp)
-        small = read_small_datasets(self._file, str(self.path))
-        self._check_digests(small, sha.hexdigest(), sharp=sharp)
+        self._check_digests(read_small_datasets(self._file, str(self.path)), sha.hexdigest())
 
-    def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str, *, sharp: str | None) -> None:
-        """Raise BadInput unless the small datasets match the stored digests, with spikes and all-in-focus pictures of
-        these SHA-256.
-        """
+    def _check_digests(self, datasets: Iterable[tuple[str, Any]], spikes: str) -> None:
+        """Raise BadInput unless the small datasets, and spikes with this SHA-256, match the stored digests."""
         shape, hz, frames = self._spikes.shape, self.readout_hz, self.shape[0]
-        large = None if self._sharp is None or sharp is None else (self._sharp.shape, sharp)
-        found = stream_digests(datasets, shape, spikes=spikes, readout_hz=hz, frames=frames, sharp=large)
+        found = stream_digests(datasets, shape, spikes=spikes, readout_hz=hz, frames=frames)
         stored = self.content_sha256, read_attribute(self._file, "provenance_sha256")
         for what, digest, stored_digest in zip(("content", "provenance"), found, stored, strict=True):
             if stored_digest not in (digest, None):

@@ -27,8 +27,6 @@ from saf_gen.stream.metadata import (
     metadata_to_datasets,
     stream_digests,
 )
-from saf_gen.stream.sharp_charge import DIGEST as SHARP_DIGEST
-from saf_gen.stream.sharp_charge import check_pictures, digest_of, open_pictures, write_pictures
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, make_thread_pool
 
 
@@ -79,9 +77,7 @@ class StreamWriter:
         frames, self._rows, self._columns = (operator.index(n) for n in shape)
         self.shape, self.readout_hz = (frames, self._rows, self._columns), float(readout_hz)
         self.content_sha256 = ""
-        metadata = metadata or Metadata()
-        self._datasets = metadata_to_datasets(metadata, self.shape)
-        self._sharp_shape, self._pictures = check_pictures(metadata, self.shape), metadata.truth.sharp
+        self._datasets = metadata_to_datasets(metadata or Metadata(), self.shape)
         self._length = -(-frames // 8)
         self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
         self._sha, self._crcs = hashlib.sha256(), dict[tuple[int, int], int]()
@@ -108,9 +104,6 @@ class StreamWriter:
             for name, value in self._datasets.items():
                 text = isinstance(value, str | tuple)
                 self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-            self._sharp = None
-            if self._pictures is not None and self._sharp_shape is not None:
-                self._sharp = self._sharp_shape, write_pictures(self._file, self._pictures)
             self._pool = undo.enter_context(make_thread_pool("deflate", self._threads))
             self._undo = undo.pop_all()
         return self
@@ -172,19 +165,14 @@ class StreamWriter:
         self._assembler.check_complete()
         spikes, shape = self._sha.hexdigest(), self._spikes.shape
         digest = partial(stream_digests, spikes=spikes, readout_hz=self.readout_hz, frames=self.shape[0])
-        sha256, provenance = written = digest(self._datasets.items(), shape, sharp=self._sharp)
+        sha256, provenance = written = digest(self._datasets.items(), shape)
         if self._file is not None:
             digests = {"content_sha256": sha256, "spikes_sha256": spikes, "provenance_sha256": provenance}
-            if self._sharp is not None:
-                digests[SHARP_DIGEST] = self._sharp[1]
             self._file.attrs.update(format=FORMAT, layout=LAYOUT, **digests)
             self._file.close()
         self._recording_file.check()
         with h5py.File(self._part, "r") as file:
-            small = dict(read_small_datasets(file, str(self.path)))
-            pictures = open_pictures(file, self._part)
-            sharp = None if pictures is None else (pictures.shape, digest_of(pictures))
-            stored = digest(small.items(), shape, sharp=sharp)
+            stored = digest(read_small_datasets(file, str(self.path)), shape)
             chunks = file["spikes"].id
             same = all(
                 time_blocks.checksum(chunks.read_direct_chunk((row, 0, at))[1]) == crc

@@ -10,7 +10,7 @@ import numpy as np
 
 import saf_gen
 
-FILE = Path(saf_gen.__file__).parent / "optics/lenses/double_gauss.zmx"
+FILE = Path(saf_gen.__file__).parent / "addons/lens_files/lenses/double_gauss.zmx"
 SMALL = 1e-6
 """Height (m) and slope of rays near the axis."""
 

@@ -27,8 +27,8 @@ from studies.speed.bench import Figure, Size, main, peak_gib, shape_text
 
 WINDOW, PROCESSES = 100, 2
 MIN_PER_SECOND, MIN_DENSE_PER_SECOND, MAX_GIB = 1_500.0, 1_000.0, 1.0
-DENSE_FRAMES, SLICE_FRAMES, LIGHTS = 400, 80, 2
-DENSE = {"depth": "depth", "blur": "blur", "sharp": "all-in-focus charge"}
+DENSE_FRAMES = 400
+DENSE = ("depth", "blur")
 
 
 def run(size: Size) -> Iterator[Figure | str]:
@@ -48,32 +48,22 @@ def run(size: Size) -> Iterator[Figure | str]:
     yield Figure("random windows in the first pass, which counts and caches them", first, "/s")
     memory = max(gib for *_, gib in found)
     yield Figure("peak memory of a process that reads", memory, "GiB", MAX_GIB, at_most=True)
-    for target, what in DENSE.items():
+    for target in DENSE:
         rate = _dense_rate(size, target=target)
-        yield Figure(f"the same in one process, with the {what} of every pixel", rate, "/s", MIN_DENSE_PER_SECOND)
+        yield Figure(f"the same in one process, with the {target} of every pixel", rate, "/s", MIN_DENSE_PER_SECOND)
 
 
 def _dense_rate(size: Size, *, target: str) -> float:
-    """Return the windows per second that one process reads in random order from kept counts, with a dense target.
-
-    The all-in-focus charge is that of a moving scene with 250 time slices per second at 20 kHz, under two lights.
-    """
+    """Return the windows per second that one process reads in random order from kept counts, with a dense target."""
     sensor = get_sensor(size.sensor)
     shape, random = (sensor.rows, sensor.columns), make_generator("bench", "dense")
     lens = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
-    slices = np.arange(0, DENSE_FRAMES + SLICE_FRAMES, SLICE_FRAMES)
     with TemporaryDirectory() as folder:
         write_stream(
             Path(folder, "0.h5"),
             random.integers(0, 2, (DENSE_FRAMES, *shape), dtype=np.uint8),
             focus_position=np.linspace(0, 1, DENSE_FRAMES, dtype=np.float32),
-            gain=random.uniform(0.5, 2.0, (DENSE_FRAMES, LIGHTS)).astype(np.float32),
-            truth={
-                "position": 0.5,
-                "depth": random.uniform(0.4, 2.0, shape).astype(np.float32),
-                "sharp": random.uniform(0.0, 1e4, (len(slices), LIGHTS, *shape)).astype(np.float32),
-                "sharp_frame": slices,
-            },
+            truth={"position": 0.5, "depth": random.uniform(0.4, 2.0, shape).astype(np.float32)},
             provenance={PROVENANCE_KEY: lens_to_text(lens, pitch_m=sensor.pitch_m)},
         )
         entry = SequenceEntry(

@@ -66,7 +66,7 @@ def test_the_code_digest_follows_options_and_parts_and_nothing_else():
     assert len(codes) == 4
 
 
-PAIR = "MEASURE+SEARCH | saf-gen methods"
+PAIR = "MEASURE+SEARCH | saf-gen methods list"
 
 
 @pytest.mark.parametrize(

@@ -319,7 +319,7 @@ def folders(dataset, tmp_path_factory):
 
 def test_a_policy_is_in_one_table_with_searches(folders, tmp_path, call):
     both = tmp_path / "both"
-    code, _, err = call("leaderboard", *folders, "--out", both)
+    code, _, err = call("leaderboard", "merge", *folders, "--out", both)
     assert code == 0, err
     rows = json.loads((both / "leaderboard.json").read_text())["rows"]
     assert {row["method"] for row in rows} == {"sd+argmax", "sd+golden_section", "visitor"}

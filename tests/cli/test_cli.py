@@ -386,6 +386,7 @@ def test_every_help_ends_with_examples_that_its_command_takes(call, monkeypatch,
     lines = [line.strip() for line in out.rsplit("Examples:", 1)[1].splitlines() if line.strip()]
     assert (code, "<bool>" in out, "…" in out) == (0, False, False)
     assert max(map(len, out.splitlines())) <= 80
+    assert out.count("\n") <= 60
     assert lines
     for line in lines:
         program, *rest = shlex.split(line)
@@ -434,7 +435,7 @@ WRONG = {
         "score STREAM --measure sd --window 9 --region fram",
         "'fram' | frame, half, shifted, target | did you mean 'frame'?",
     ),
-    "measure of a method": ("evaluate DATASET --method sdc+argmax", "'sdc' | sd_code | saf-gen methods"),
+    "measure of a method": ("evaluate DATASET --method sdc+argmax", "'sdc' | sd_code | saf-gen methods list"),
     "value of a method's option": ("evaluate DATASET --method sd+sgfs_code:dt=x", "dt is 'x' | whole number"),
     "split": ("evaluate DATASET --split tset", "'tset' | test | did you mean 'test'?"),
     "split of a stream": ("evaluate STREAM --split test", "'test' | single stream"),
@@ -637,7 +638,7 @@ def test_a_pipe_that_closes_early_is_no_error(dataset):
 def test_a_terminal_without_unicode_gets_the_table_all_the_same(call, monkeypatch):
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
-    assert call("methods")[0] == 0
+    assert call("methods", "list")[0] == 0
     sys.stdout.flush()
     assert b"er_sumsq" in written.getvalue()
     assert b"?" in written.getvalue()

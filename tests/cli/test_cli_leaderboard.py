@@ -76,7 +76,7 @@ def test_records_state_light_motion_and_method(runs):
 
 def test_a_method_that_ran_later_joins_the_table(call, runs, tmp_path):
     out = tmp_path / "both"
-    code, printed, err = call("leaderboard", *runs, "--out", out)
+    code, printed, err = call("leaderboard", "merge", *runs, "--out", out)
     assert (code, err) == (0, "")
     assert "3 methods, 2 sequences, 2 evaluations" in printed
     assert "There are no intervals: only 2 of 3 required scenes" in " ".join(printed.split())
@@ -89,14 +89,14 @@ def test_a_method_that_ran_later_joins_the_table(call, runs, tmp_path):
     assert [b["bin"] for b in places["bins"]] == ["first 10 %", "middle"]
     assert sorted(map(str, read_records(out))) == sorted(str(record) for run in runs for record in read_records(run))
     before = sorted(tmp_path.rglob("*"))
-    code, printed, _ = call("leaderboard", out, runs[0] / "records.jsonl")  # merged again, and only printed
+    code, printed, _ = call("leaderboard", "merge", out, runs[0] / "records.jsonl")  # merged again, and only printed
     assert code == 0
     assert "3 methods, 2 sequences" in printed
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def refused(call, *arguments):
-    code, printed, err = call("leaderboard", *arguments)
+    code, printed, err = call("leaderboard", "merge", *arguments)
     assert (code, printed, err.count("\n")) == (2, "", 1), err
     return err
 
@@ -128,8 +128,8 @@ def test_what_holds_no_records_is_one_line(call, runs, tmp_path):
 
 def test_merging_replaces_what_was_merged_before(call, evaluated, runs, tmp_path):
     out = tmp_path / "both"
-    assert "replaced" not in call("leaderboard", *runs, "--out", out)[1]
-    code, printed, _ = call("leaderboard", runs[0], "--out", out)
+    assert "replaced" not in call("leaderboard", "merge", *runs, "--out", out)[1]
+    code, printed, _ = call("leaderboard", "merge", runs[0], "--out", out)
     assert code == 0
     assert printed.splitlines()[-1] == "replaced the earlier evaluation of 3 methods"
     assert len({r.method for r in read_records(out)}) == 2

@@ -99,7 +99,7 @@ def read_page(text):
 
 
 def test_the_list_has_degree_cost_forms_and_kind(call):
-    code, out, err = call("methods")
+    code, out, err = call("methods", "list")
     assert (code, err) == (0, "")
     for name, cells in {"er_sumsq": ["2", "2", "_n _tfi"], "sd_debiased": ["0", "4", ""]}.items():
         assert row(out, name)[1:4] == cells
@@ -182,7 +182,7 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
     monkeypatch.syspath_prepend(tmp_path)
     registry._entry_points.cache_clear()
     try:
-        code, out, _ = call("methods")
+        code, out, _ = call("methods", "list")
     finally:
         registry._entry_points.cache_clear()
         registry._find_plugin_class.cache_clear()

@@ -178,14 +178,14 @@ def test_evaluations_of_different_splits_do_not_share_a_table(call, make, tmp_pa
     for split in ("train", "test", "all"):
         assert call("evaluate", folder, *METHOD, "--out", tmp_path / split, "--split", split)[0] == 0
     for one, other in (("test", "train"), ("test", "all")):
-        code, out, err = call("leaderboard", tmp_path / one, tmp_path / other)
+        code, out, err = call("leaderboard", "merge", tmp_path / one, tmp_path / other)
         assert (code, out, err.count("\n")) == (2, "", 1)
         assert "the splits differ: " in err
         assert f"test in {tmp_path}" in err
         assert "allowed: the same splits in all evaluations; run saf-gen evaluate again, with --split" in err
     assert refusal(read_leaderboard, tmp_path / "test", tmp_path / "train").problem.startswith("the splits differ")
-    assert "1 evaluation, split test" in call("leaderboard", tmp_path / "test")[1]
-    assert "1 evaluation, splits train and test" in call("leaderboard", tmp_path / "all")[1]
+    assert "1 evaluation, split test" in call("leaderboard", "merge", tmp_path / "test")[1]
+    assert "1 evaluation, splits train and test" in call("leaderboard", "merge", tmp_path / "all")[1]
 
 
 @pytest.mark.parametrize(("splits", "split"), [(THREE, "validation"), (NONE, "all"), ({"all": 2}, "all")])

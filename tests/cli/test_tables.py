@@ -77,7 +77,7 @@ def test_a_table_in_a_pipe_fits_and_names_what_it_leaves_out(monkeypatch, capsys
 def test_a_pipe_is_as_wide_as_columns_says_or_120(columns, width):
     environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
     environment |= {} if columns is None else {"COLUMNS": columns}
-    command = [sys.executable, "-m", "saf_gen", "methods"]
+    command = [sys.executable, "-m", "saf_gen", "methods", "list"]
     shown = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
     widest = max(map(len, shown.splitlines()))
     assert width * 0.75 < widest <= width
@@ -89,7 +89,7 @@ def test_a_pipe_is_as_wide_as_columns_says_or_120(columns, width):
         ("scenes list", scene_names()),
         ("recipes list", recipe_names()),
         ("sensors list", ["vidar_400x250_noisy"]),
-        ("methods", [*registry.names("measures"), *registry.names("searches")]),
+        ("methods list", [*registry.names("measures"), *registry.names("searches")]),
         ("doctor", ["mitsuba"]),
         ("generate quickstart --dry-run", ["quickstart"]),
         ("methods show sd_code+sgfs_code:dt=50", ["sgfs_code"]),
@@ -109,12 +109,12 @@ def test_every_list_fits_a_terminal_of_80_columns_and_no_name_is_cut(call, termi
     assert set(names) <= set(re.findall(r"[\w-]+", shown))
 
 
-@pytest.mark.parametrize("command", ["scenes list", "recipes list", "sensors list", "methods"])
+@pytest.mark.parametrize("command", ["scenes list", "recipes list", "sensors list", "methods list"])
 def test_every_list_is_there_for_programs(call, command):
     code, shown, err = call(*command.split(), "--json")
     assert (code, err) == (0, "")
     found = json.loads(shown)
-    rows = found["measures"] + found["searches"] if command == "methods" else found
+    rows = found["measures"] + found["searches"] if command == "methods list" else found
     assert len(rows) >= 5
     assert all(row and all(isinstance(cell, str) for cell in row.values()) for row in rows)
     assert len({next(iter(row.values())) for row in rows}) == len(rows)

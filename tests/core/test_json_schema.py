@@ -1,6 +1,5 @@
 """JSON Schemas of recipes and scene cards accept and refuse the same documents as the models."""
 
-import json
 from copy import deepcopy
 
 import jsonschema
@@ -44,30 +43,28 @@ def changed(document, keys, value):
     return copy
 
 
-STACKS = {
-    **{key: value for key, value in RECIPE.items() if key not in ("focus", "render", "splits", "scene_params")},
-    "camera": {"sensor": "vidar_400x250", "frames": 2000, "exposure": {"mean_rate": 0.1}},
-    "stacks": {"weave": {"folder": "weave", "values": "linear", "box": [80, 50, 160, 100], "licence": "CC0-1.0"}},
-    "splits": {"test": {"scenes": ["weave"], "lights": ["constant"]}},
-}
+GIVEN = {"id": "weave", "title": "Cloth", "licence": "CC0-1.0", "source": "own", "pictures": {}}
 
 
 @pytest.mark.parametrize(
     ("keys", "value", "accepted"),
     [
-        (("seed",), 3, True),
-        (("focus",), {"motion": {"kind": "sweep"}}, True),
-        (("stacks", "weave", "step_um"), 2.5, True),
-        (("focus",), {"positions": 9}, False),
-        (("render",), {"samples": 3}, False),
-        (("stacks", "weave", "valuess"), "linear", False),
-        (("stacks", "weave", "values"), "gamma", False),
-        (("stacks",), {}, False),
+        (("title",), "A piece of cloth", True),
+        (("pictures",), {"step_um": 2.5, "box": [80, 50, 160, 100]}, True),
+        (("pictures", "step_mm"), 2.5, False),
+        (("pictures", "step_um"), 0, False),
+        (("pictures", "box"), [1, 2, 3], False),
+        (("colour",), 1, False),
     ],
     ids=str,
 )
-def test_a_recipe_of_photographed_stacks_needs_no_renderer(keys, value, accepted, validators):
-    assert validators["recipe"].is_valid(changed(STACKS, keys, value)) == accepted
+def test_a_card_of_given_pictures_needs_neither_lens_nor_lights(keys, value, accepted, validators):
+    assert validators["card"].is_valid(changed(GIVEN, keys, value)) == accepted
+
+
+def test_a_card_of_what_is_rendered_needs_lens_camera_lights_and_target(validators):
+    for key in ("lens", "camera", "lights", "target"):
+        assert not validators["card"].is_valid({k: v for k, v in CARD.items() if k != key})
 
 
 def test_a_recipe_of_scenes_needs_focus_and_render(validators):
@@ -141,9 +138,3 @@ def test_the_docstring_below_a_field_is_found_and_its_bases_come_first():
     assert field_docs(Derived) == {"one": "What one is, over two lines.", "three": "What three is."}
     assert set(field_docs(Recipe)) <= set(Recipe.model_fields)
     assert set(field_docs(SceneCard)) <= set(SceneCard.model_fields)
-
-
-def test_a_registered_folder_has_the_schemas(tmp_path, call):
-    assert call("init", tmp_path)[0] == 0
-    for name, make in (("recipe", recipe_schema), ("scene", card_schema)):
-        assert json.loads((tmp_path / f"{name}.schema.json").read_text()) == json.loads(json.dumps(make()))

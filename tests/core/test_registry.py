@@ -75,7 +75,7 @@ def test_a_package_that_breaks_as_it_is_loaded_hides_no_other(tmp_path, monkeypa
     try:
         with pytest.raises(BadInput, match=rf"search 'theirs' of the entry point .* cannot be loaded: {message}"):
             registry.plugin_class("searches", "theirs")
-        code, listed, _ = call("methods")
+        code, listed, _ = call("methods", "list")
     finally:
         sys.modules.pop("theirs_of_a_test", None)
     assert code == 0

@@ -378,22 +378,26 @@ def apart(recipe, made, moving, tmp_path):
     return folders
 
 
+def sources(folders):
+    return [word for folder in folders for word in ("--from", folder)]
+
+
 @pytest.mark.slow
 def test_shards_on_separate_disks_become_the_dataset_of_one_process(call, recipe, made, moving, apart, tmp_path):
     """Only the grain of the cut stack is left to measure; a damaged picture is taken from nowhere."""
     before = [everything_in(folder) for folder in apart]
-    code, out, err = call("dataset", "merge", recipe, *apart, "--out", tmp_path / "all", "--variant", VARIANT)
+    code, out, err = call("generate", recipe, *sources(apart), "--out", tmp_path / "all", "--variant", VARIANT)
     assert code == 0, err
     assert "MB copied from 3 folders" in out
     assert "2 sequences recorded, 2 kept from before, 0 pieces of focal stacks rendered" in out
     assert everything_in(tmp_path / "all") == everything_in(made)
     assert [everything_in(folder) for folder in apart] == before
-    code, out, err = call("dataset", "merge", recipe, *apart, "--out", tmp_path / "all", "--keep-slices", "none")
+    code, out, err = call("generate", recipe, *sources(apart), "--out", tmp_path / "all", "--keep-slices", "none")
     assert (code, out.splitlines()[0]) == (0, "0 MB copied from 3 folders")
     assert "MB of time slices deleted" in out
     assert verify_dataset(tmp_path / "all") == (4, {})
     code, out, err = call(
-        "dataset", "merge", recipe, tmp_path / "all", "--out", tmp_path / "moved", "--keep-slices", "none"
+        "generate", recipe, "--from", tmp_path / "all", "--out", tmp_path / "moved", "--keep-slices", "none"
     )
     assert code == 0, err
     assert "0 sequences recorded, 4 kept from before, 0 pieces of focal stacks rendered" in out
@@ -404,7 +408,7 @@ def test_what_a_lost_or_damaged_shard_lacks_is_named_and_made(recipe, made, movi
     (spec,) = list(share_of(moving, 2, 3).specs)[:1]
     picture = apart[1] / "stacks" / spec.key / "lamp.exr"
     picture.write_bytes(picture.read_bytes()[:-7])
-    code, out, err = call("dataset", "merge", recipe, *apart, "--out", apart[0], "--variant", VARIANT)
+    code, out, err = call("generate", recipe, *sources(apart), "--out", apart[0], "--variant", VARIANT)
     assert code == 0, err
     assert "these stacks lack pictures, which are rendered here: plane, dynamic" in err
     assert "1 piece of focal stacks rendered" in out
@@ -418,20 +422,22 @@ def test_folders_that_are_no_shards_of_the_recipe_are_refused_before_anything_is
     foreign = tmp_path / "foreign.yaml"
     foreign.write_text(recipe.read_text().replace("name: takes", "name: foreign"))
     out = tmp_path / "all"
-    for words, message in [
-        ((recipe, *apart, tmp_path / "empty"), "empty: has no manifest.json; allowed: a folder that a shard"),
-        ((recipe, apart[0], tmp_path / "gone"), "gone: has no manifest.json"),
-        ((recipe, apart[0], tmp_path / "changed.yaml"), "has no manifest.json"),
-        ((other, *apart), "shard1: was made from another version of the recipe"),
-        ((foreign, *apart), "shard1 holds the dataset 'takes', but the recipe makes 'foreign'"),
-        ((recipe,), "Missing argument 'folders'"),
+    for named, folders, message in [
+        (recipe, [*apart, tmp_path / "empty"], "empty: has no manifest.json; allowed: a folder that a shard"),
+        (recipe, [apart[0], tmp_path / "gone"], "gone: has no manifest.json"),
+        (recipe, [apart[0], tmp_path / "changed.yaml"], "has no manifest.json"),
+        (other, apart, "shard1: was made from another version of the recipe"),
+        (foreign, apart, "shard1 holds the dataset 'takes', but the recipe makes 'foreign'"),
     ]:
-        code, _, err = call("dataset", "merge", *words, "--out", out)
+        code, _, err = call("generate", named, *sources(folders), "--out", out)
         assert (code, err.count("\n")) == (2, 1)
         assert message in err
+    for words in (["--shard", "1/2"], ["--split", "test"], ["--dry-run"]):
+        code, _, err = call("generate", recipe, *sources(apart), *words, "--out", out)
+        assert (code, err.count("\n"), "without --dry-run, --shard and --split" in err) == (2, 1, True)
     assert not out.exists()
     (tmp_path / "file").write_text("in the way")
-    code, _, err = call("dataset", "merge", recipe, *apart, "--out", tmp_path / "file/ds")
+    code, _, err = call("generate", recipe, *sources(apart), "--out", tmp_path / "file/ds")
     assert (code, err.count("\n"), "file/ds cannot be written" in err) == (2, 1, True)
 
 

@@ -99,7 +99,7 @@ def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call,
     }
     assert "no method on this machine can reproduce this row: " in rows["a_net"]["why"]
     assert states(evaluation) == {name: row["row"] for name, row in rows.items()}
-    assert "re-run here" in call("leaderboard", evaluation)[1]
+    assert "re-run here" in call("leaderboard", "merge", evaluation)[1]
 
 
 def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluation, dataset, tmp_path):

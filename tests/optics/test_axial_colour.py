@@ -159,3 +159,11 @@ def test_a_travel_too_short_for_the_colour_is_refused():
     assert "travels beyond the ends" in str(
         refusal(stack_margin, AxialColour(singlet="n-sf11"), short, positions=65, reference_nm=555.0)
     )
+
+
+def test_a_lens_may_say_at_which_wavelength_it_has_its_focal_length():
+    nm = np.array([450.0, 550.0, 650.0])
+    at_555 = AxialColour(singlet="n-bk7").relative_power(nm, reference_nm=555.0)
+    stated = AxialColour(singlet="n-bk7", reference_nm=555.0).relative_power(nm, reference_nm=850.0)
+    assert np.array_equal(at_555, stated)
+    assert "reference_nm" not in AxialColour(singlet="n-bk7").model_dump(exclude_none=True)

@@ -89,45 +89,19 @@ FAULTS = {
     ),
     "light of a point": Fault(
         "The all-in-focus picture has the light that the aperture of a point collects, not the lens of the recording.",
-        (Change("stack.all_in_focus", "sensor, lens=lens,", "sensor, lens=spec.drive,"),),
+        (Change("stack.all_in_focus", "replace(point, drive=spec.drive) for", "point for"),),
         (
-            "generate/test_sharp_recipe.py::"
-            "test_at_rest_the_charge_is_that_of_the_true_focus_through_the_aperture_of_the_recording",
-            "generate/test_sharp_recipe.py::"
-            "test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_the_lens_is",
-            "render/test_all_in_focus.py::test_in_focus_it_is_the_recorded_picture_of_each_light",
-            "render/test_all_in_focus.py::test_its_light_is_that_of_the_aperture_of_the_recording",
-        ),
-    ),
-    "sharp one slice late": Fault(
-        "Between two moments, the all-in-focus charge is that of the two moments after them.",
-        (
-            Change(
-                "stream.sharp_charge",
-                'np.searchsorted(frames, middle, side="right") - 1,',
-                'np.searchsorted(frames, middle, side="right"),',
-            ),
-        ),
-        (
-            "stream/test_sharp_charge.py::test_a_readout_collects_what_lies_between_two_slices_under_its_light",
-            "stream/test_sharp_charge.py::test_at_a_slice_it_is_the_slice_and_outside_the_nearest",
-            "generate/test_sharp_recipe.py::"
-            "test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_the_lens_is",
+            "generate/test_sharp_recipe.py::test_the_charge_is_that_of_the_aperture_of_the_recording[at rest]",
+            "generate/test_sharp_recipe.py::test_the_charge_is_that_of_the_aperture_of_the_recording[moving]",
+            "render/test_sharp_truth.py::test_in_focus_it_is_the_recorded_picture_of_each_light[still]",
         ),
     ),
     "sharp beside the lens": Fault(
         "The all-in-focus pictures of a moving scene have the scale of the end of the sweep, not of where the lens is.",
-        (
-            Change(
-                "stack.all_in_focus",
-                "position[np.minimum(time_stack.slice_frames, len(position) - 1)]",
-                "position[np.full(len(time_stack.slice_frames), len(position) - 1)]",
-            ),
-        ),
+        (Change("stack.all_in_focus", "slice_windows(position, ", "slice_windows(position[-1:], "),),
         (
             "generate/test_sharp_recipe.py::test_the_lens_is_the_same_with_the_aperture_of_a_point",
-            "generate/test_sharp_recipe.py::"
-            "test_in_a_moving_scene_each_slice_has_the_charge_of_its_moment_and_of_where_the_lens_is",
+            "generate/test_sharp_recipe.py::test_the_charge_is_that_of_the_aperture_of_the_recording[moving]",
         ),
     ),
     "no cos⁴": Fault(
@@ -511,8 +485,9 @@ FAULTS = {
         "The rays of a lens read from a file start at the point of a perfect entrance pupil.",
         (Change("render.camera_rays", "a + mi.Vector2f(*moved), slope_x + bent[0]", "a, slope_x + bent[0]"),),
         (
-            "render/test_fitted_lenses.py::test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",
-            "render/test_fitted_lenses.py::test_an_edge_is_the_sum_of_traced_rays",
+            "addons/lens_files/test_rendered_lenses.py::"
+            "test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces",
+            "addons/lens_files/test_rendered_lenses.py::test_an_edge_is_the_sum_of_traced_rays",
             f"{EACH_LAW}[lens_double_gauss]",
         ),
     ),
@@ -520,26 +495,20 @@ FAULTS = {
         "The slope behind a lens read from a file is taken at the point of the entrance pupil, not of the exit pupil.",
         (Change("optics.fitted_rays", "on * (1 / self.pupil_magnification)", "on"),),
         (
-            "optics/test_lens_files.py::test_rays_of_the_card_land_on_their_pixel_when_traced_through_the_surfaces",
-            "optics/test_lens_files.py::test_the_fit_of_a_shipped_lens_is_within_a_twentieth_of_a_pixel",
-            "optics/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
+            "addons/lens_files/test_lens_files.py::"
+            "test_rays_of_the_card_land_on_their_pixel_when_traced_through_the_surfaces",
+            "addons/lens_files/test_lens_files.py::test_the_fit_of_a_shipped_lens_is_within_a_twentieth_of_a_pixel",
+            "addons/lens_files/test_lens_files.py::test_the_least_blur_is_that_of_the_traced_spot",
         ),
     ),
     "colour of a lens file of the other sign": Fault(
         "A lens read from a file focuses blue light where it focuses red.",
         (Change("optics.lens_colour", "1 - drive.focal_length_m *", "1 + drive.focal_length_m *"),),
         (
-            "optics/test_lens_colour.py::test_the_focus_on_the_axis_moves_as_that_of_rays_through_the_surfaces",
+            "addons/lens_files/test_lens_colour.py::"
+            "test_the_focus_on_the_axis_moves_as_that_of_rays_through_the_surfaces",
             "render/test_coloured_pictures.py::"
             "test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavelength",
-        ),
-    ),
-    "light in the wrong band": Fault(
-        "Light is drawn by bands in the reverse order, so that each wavelength lands where another belongs.",
-        (Change("optics.lens_colour", "interp(nm, known, order == band)", "interp(nm, known, order[::-1] == band)"),),
-        (
-            "stack/test_band_mixes.py::test_light_is_drawn_by_the_two_bands_next_to_it_in_linear_shares",
-            "stack/test_band_mixes.py::test_few_bands_draw_what_an_own_sum_of_25_wavelengths_draws",
         ),
     ),
     "axial colour of the other sign": Fault(

@@ -373,7 +373,6 @@ def test_a_product_takes_a_table_a_spectrum_and_lux_and_adds_up_in_a_list(recipe
         (f"{{product: [{R}, {F}], offset: -1}}", "small.yaml:7 | offset is -1 | 0 or more"),
         (f"{{product: [{R}, {F}], unit: lx}}", "small.yaml:7 | unit is 'lx' | mean 'lux'"),
         (f"{{product: [{R}, {F}], spectrum: ledd}}", "spectrum is 'ledd' | mean 'led'"),
-        (f"{{product: [{R}, {F}], spectrum: {{from: led, to: tungsten}}}}", "a spectrum that changes"),
         (f"{{product: [{R}, {F}], lamp: {F}}}", "key of a product | 'lamp'"),
         (f"{{kind: constant, product: [{R}, {F}]}}", "the kind 'constant' and a product | one of the factors"),
         (f"{{kind: product, factors: [{R}, {F}]}}", "product is no kind | {product: ["),

@@ -1,13 +1,12 @@
-"""The all-in-focus charge of rendered recordings: their pictures in focus, and two planes in closed form."""
+"""All-in-focus pictures of rendered recordings: those in focus, blur, and two planes in closed form."""
 
 import json
 import shutil
-from dataclasses import replace
 
 import capture_dataset
-import h5py
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates, spline_filter
 
 import saf_gen
 from saf_gen.camera import electrons_per_irradiance, parse_sensor
@@ -16,12 +15,10 @@ from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import drive_from_dict
-from saf_gen.render.all_in_focus import render_all_in_focus
-from saf_gen.stack.all_in_focus import load_all_in_focus
+from saf_gen.stack.all_in_focus import open_all_in_focus
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
-from saf_gen.stream.dataset import verify_dataset
 from saf_gen.stream.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
@@ -66,6 +63,7 @@ RECIPE = (
     capture_dataset.RECIPE.replace("samples: 16, max_depth: 3, slice_samples: 16, whole_slices: true", "samples: 256, "
                                    "max_depth: 3, slice_samples: 256")
     .replace("frames: 800", "frames: 400")
+    .replace("mean_rate: 0.2", "mean_rate: 0.2, f_number: 1.0")
     .replace("[plane], lights: [constant, lamp_only]", "[plane], lights: [lamp_only]")
     .replace("  test:", "  glow: {scenes: [planes], lights: [constant]}\n  test:")
     + "truth: {sharp: true}\n"
@@ -126,38 +124,64 @@ def source_of(stream, dataset):
     return source
 
 
-def recorded(stream, dataset, frame):
-    """The charge that the recording collected in a readout, without noise: float32 (H, W)."""
-    charge = source_of(stream, dataset).charge_image(frame, float(stream.metadata.lens_position[frame]))
-    return np.tensordot(stream.gain[frame], charge, 1)
+def at_frame(source, stream, frame):
+    """The charge of each light in a readout, at the position of its lens, without noise."""
+    return source.charge_image(frame, float(stream.metadata.lens_position[frame]))
 
 
-@pytest.mark.parametrize("name", [STILL, MOVING])
-def test_in_focus_it_is_what_the_recording_collects(dataset, name):
+@pytest.mark.parametrize("name", [pytest.param(STILL, id="still"), pytest.param(MOVING, id="moving")])
+def test_in_focus_it_is_the_recorded_picture_of_each_light(dataset, name):
     with saf_gen.open_stream(dataset / name) as stream:
         frame = round(stream.truth.frame)
-        sharp, focused = stream.sharp(frame), recorded(stream, dataset, frame)
-        assert sharp.mean() == pytest.approx(focused.mean(), rel=0.005)
-        assert np.sqrt(np.mean((sharp - focused) ** 2)) < 3 * NOISE * focused.mean()
+        sources = open_all_in_focus(stream, dataset / "stacks"), source_of(stream, dataset)
+        sharp, focused = (at_frame(source, stream, frame) for source in sources)
+        assert (sharp.shape, sharp.dtype) == (focused.shape, np.float32)
+        for charge, seen in zip(sharp, focused, strict=True):
+            assert charge.mean() == pytest.approx(seen.mean(), rel=0.005)
+            assert np.sqrt(np.mean((charge - seen) ** 2)) < 3 * NOISE * seen.mean()
         counts = stream.counts(frame - 50, frame + 50)
-        assert np.corrcoef(counts.ravel(), sharp.ravel())[0, 1] > 0.98
+        assert np.corrcoef(counts.ravel(), np.tensordot(stream.gain[frame], sharp, 1).ravel())[0, 1] > 0.98
 
 
-def test_of_a_moving_scene_it_has_the_scale_of_the_recording_at_every_slice(dataset):
-    """The plane comes nearer and the lens breathes: away from the focus, the mean picture stays that of the readout."""
-    with saf_gen.open_stream(dataset / MOVING) as stream:
-        slices, lights = stream.truth.sharp.shape[:2]
-        assert (slices, lights) == (len(stream.truth.sharp_frame), len(stream.light_names))
-        assert slices == 6
+@pytest.mark.parametrize("name", [pytest.param(STILL, id="still"), pytest.param(MOVING, id="moving")])
+def test_it_has_the_scale_of_the_recording_in_every_frame(dataset, name):
+    """The lens breathes, and the plane comes nearer: out of focus, too, the mean picture is that of the readout."""
+    with saf_gen.open_stream(dataset / name) as stream:
+        sharp, recorded = open_all_in_focus(stream, dataset / "stacks"), source_of(stream, dataset)
         for frame in (20, 200, 380):
-            sharp, seen = stream.sharp(frame), recorded(stream, dataset, frame)
-            assert sharp.mean() == pytest.approx(seen.mean(), rel=0.01)
+            charge, seen = (at_frame(source, stream, frame) for source in (sharp, recorded))
+            assert charge.mean() == pytest.approx(seen.mean(), rel=0.01)
+
+
+def disc(points=300):
+    """Points spread evenly over a disc of diameter 1, on a sunflower's spiral: (2, points)."""
+    n = np.arange(points) + 0.5
+    angle = np.pi * (1 + np.sqrt(5)) * n
+    return np.sqrt(n / points) / 2 * np.stack([np.cos(angle), np.sin(angle)])
+
+
+def test_blurred_by_the_closed_form_it_is_the_picture_out_of_focus(dataset):
+    """The blur of the renderer is that of stream.blur, at both ends of the travel, within the steps of the search."""
+    inner, trials = (slice(8, -8), slice(8, -8)), np.linspace(0.7, 1.3, 13)
+    with saf_gen.open_stream(dataset / STILL) as stream:
+        sharp, recorded = open_all_in_focus(stream, dataset / "stacks"), source_of(stream, dataset)
+        for frame in (0, stream.shape[0] - 1):
+            picture = spline_filter(at_frame(sharp, stream, frame).sum(axis=0))
+            seen = at_frame(recorded, stream, frame).sum(axis=0)
+            width, errors = float(np.abs(np.median(stream.blur(frame)))), []
+            assert width > 3
+            for trial in trials:
+                at = [np.indices(picture.shape) + trial * width * point[:, None, None] for point in disc().T]
+                found = np.mean([map_coordinates(picture, one, prefilter=False)[inner] for one in at], axis=0)
+                errors.append(np.mean((found / found.mean() - seen[inner] / seen[inner].mean()) ** 2))
+            assert trials[int(np.argmin(errors))] == pytest.approx(1, abs=0.051)
 
 
 def test_two_glowing_planes_have_the_charge_of_their_light_and_an_edge_where_the_lens_draws_it(dataset):
     """The edge of the near plane is sharp although the lens is focused on the far one; the unit is electrons."""
     with saf_gen.open_stream(dataset / GLOWING) as stream:
-        sharp, texts, at = stream.truth.sharp[0], stream.metadata.provenance, stream.truth.position
+        texts, at = stream.metadata.provenance, stream.truth.position
+        sharp = open_all_in_focus(stream, dataset / "stacks").charge_image(0, at)
         near_picture = source_of(stream, dataset).charge_image(0, at)[0]
     drive = drive_from_dict(json.loads(texts["lens"])["drive"])
     sensor, scale = parse_sensor(texts["sensor"], ""), json.loads(texts["exposure"])["scale"]
@@ -176,83 +200,32 @@ def test_two_glowing_planes_have_the_charge_of_their_light_and_an_edge_where_the
     assert ((recorded_near > 0.02) & (recorded_near < 0.98)).sum(axis=1).min() >= 4, "the recorded edge is blurred"
 
 
-def test_the_spikes_are_those_without_it_and_so_is_the_rest(dataset, copy, tmp_path):
-    """The same stacks without the key: the recordings differ in nothing but /truth/sharp."""
+def test_the_key_adds_pictures_to_a_dataset_and_changes_nothing_else(dataset, copy, work):
+    """Without the key, nothing is recorded again; with it once more, the pictures alone are rendered, to the same."""
+    of_point = {spec.key for s in work.sequences for spec in s.sharp_stack.specs}
     path = dataset.parent / "plain.yaml"
     path.write_text(RECIPE.replace("truth: {sharp: true}\n", ""))
     plain = run(resolve_recipe(path), copy)
-    assert (plain.rendered, len(plain.recorded)) == ([], 3)
-    for name in (STILL, MOVING, GLOWING):
-        with saf_gen.open_stream(dataset / name) as sharp, saf_gen.open_stream(copy / name) as without:
-            assert np.array_equal(sharp.packed(0, 50), without.packed(0, 50))
-            assert without.truth.sharp is None
-            sharp.verify()
-        with h5py.File(dataset / name) as sharp, h5py.File(copy / name) as without:
-            assert set(sharp["truth"]) - set(without["truth"]) == {"sharp", "sharp_frame"}
-            assert sharp.attrs["spikes_sha256"] == without.attrs["spikes_sha256"]
-            assert set(sharp["provenance"]) - set(without["provenance"]) == {"sharp_stack", "sharp_stack_digest"}
-
-
-def test_generated_again_it_is_kept_and_made_again_only_if_a_file_is_damaged(work, copy):
+    assert (plain.rendered, plain.recorded, len(plain.kept)) == ([], [], 3)
+    assert [entry.content_sha256 for entry in plain.manifest.sequences] == [
+        entry.content_sha256 for entry in read_manifest(dataset).sequences
+    ]
+    for key in of_point:
+        shutil.rmtree(copy / "stacks" / key)
     again = run(work, copy)
-    assert (again.rendered, again.recorded, len(again.kept)) == ([], [], 3)
-    assert make_plan(work, copy).to_render == {}
-    data = bytearray((copy / STILL).read_bytes())
-    with saf_gen.open_stream(copy / STILL) as stream:
-        at = stream.truth.sharp.offset
-    data[at] ^= 1
-    (copy / STILL).write_bytes(data)
-    digests = {entry.id: entry.content_sha256 for entry in read_manifest(copy).sequences}
-    repaired = run(work, copy)
-    assert (repaired.rendered, repaired.recorded) == ([], ["plane-lamp_only-00"])
-    assert {entry.id: entry.content_sha256 for entry in repaired.manifest.sequences} == digests
-    assert verify_dataset(copy) == (3, {})
+    assert {name.partition(" · ")[0].rpartition(", ")[2] for name in again.rendered} == {"all in focus"}
+    assert (again.recorded, len(again.kept)) == ([], 3)
+    for name in (STILL, MOVING, GLOWING):
+        with saf_gen.open_stream(dataset / name) as stream:
+            first, second = (open_all_in_focus(stream, folder / "stacks") for folder in (dataset, copy))
+            assert np.array_equal(first.charge_image(200, 0.5), second.charge_image(200, 0.5)), name
 
 
-def test_its_stacks_are_deleted_with_the_slices_and_rendered_again_where_they_are_needed(work, copy):
-    """What is deleted is not rendered again while the recordings are whole; a damaged one needs its own stack alone."""
+def test_it_is_kept_when_slices_are_deleted(work, copy):
     of_point = {spec.key for s in work.sequences for spec in s.sharp_stack.specs}
-
-    def pictures():
-        return {path.parent.name for path in (copy / "stacks").glob("*/*.exr")} & of_point
-
-    assert pictures() == of_point
     freed = run(work, copy, keep_slices="none")
     assert freed.freed_bytes > 0
-    assert pictures() == set()
+    assert {path.parent.name for path in (copy / "stacks").glob("*/*.exr")} >= of_point
     assert make_plan(work, copy, keep_slices="none").to_render == {}
-    once_more = run(work, copy, keep_slices="none")
-    assert (once_more.rendered, once_more.recorded) == ([], [])
-    (copy / GLOWING).write_bytes((copy / GLOWING).read_bytes()[:-1])
-    glowing = next(s for s in work.sequences if s.planned.scene == "planes")
-    assert set(make_plan(work, copy, keep_slices="none").to_render) == {glowing.sharp_stack}
-    repaired = run(work, copy, keep_slices="all")
-    assert repaired.recorded == ["planes-constant-00"]
-    assert {name.partition(" · ")[0] for name in repaired.rendered} == {"planes, all in focus"}
-    assert pictures() == {spec.key for spec in glowing.sharp_stack.specs}
-
-
-def test_a_recording_whose_stack_went_after_the_plan_waits_for_it(work, copy):
-    """The spikes are damaged, which only reading them shows: the plan has nothing to render."""
-    run(work, copy, keep_slices="none")
-    data = bytearray((copy / GLOWING).read_bytes())
-    with h5py.File(copy / GLOWING) as file:
-        at = file["spikes"].id.get_chunk_info(0).byte_offset + 40
-    data[at] ^= 1
-    (copy / GLOWING).write_bytes(data)
-    plan = make_plan(work, copy, keep_slices="none")
-    assert plan.to_render == {}
-    repaired = run(work, copy, keep_slices="none")
-    assert repaired.recorded == ["planes-constant-00"]
-    assert verify_dataset(copy) == (3, {})
-
-
-def test_the_picture_that_is_rendered_afterwards_is_not_rendered_where_there_is_one(dataset):
-    """It is read from the stream, and no folder of stacks is needed."""
-    with saf_gen.open_stream(dataset / STILL) as stream:
-        held = stream.truth.sharp[0]
-        assert np.array_equal(render_all_in_focus(stream, "nowhere"), held)
-        assert np.array_equal(load_all_in_focus(stream, "nowhere"), held)
-        stream.truth = replace(stream.truth, sharp=None)
-        afterwards = render_all_in_focus(stream, dataset / "stacks", variant=capture_dataset.VARIANT)
-    assert afterwards == pytest.approx(held, abs=5 * NOISE * float(held.mean()))
+    with saf_gen.open_stream(copy / MOVING) as stream:
+        assert open_all_in_focus(stream, copy / "stacks").charge_image(0, 0.0).min() > 0

@@ -1,5 +1,7 @@
 """Scenes that are thin sections: the card, what their script draws, and their stacks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
@@ -11,10 +13,11 @@ from saf_gen.generate.cost import render_seconds
 from saf_gen.optics import Wavefront
 from saf_gen.render import make_renderer, render_missing
 from saf_gen.render.grain import measure_by_repeat
-from saf_gen.render.thin_section import draw_section
+from saf_gen.render.thin_section import SectionRenderer, draw_section
 from saf_gen.scene.scene_folder import load_scene
 from saf_gen.stack.focal_stack import StackSpec, StackStore
 from saf_gen.stack.grain import read_grain
+from saf_gen.stack.time_resolved import TimeResolvedStack
 
 CLEAR = """\
 import numpy as np
@@ -87,15 +90,12 @@ def test_pieces_are_made_once_and_a_missing_one_again_alike(slide, tmp_path):
     assert np.array_equal(StackStore(tmp_path, spec).load().radiance, whole.radiance)
 
 
-def test_a_section_has_no_grain(slide, tmp_path):
-    spec = spec_of(slide, positions=5)
+def test_no_grain_of_a_section_is_measured(slide, tmp_path):
+    spec = spec_of(slide, positions=2)
     drawn(slide, spec, tmp_path)
     measure_by_repeat(slide, [spec], root=tmp_path, backend_name="scalar")
-    grain = read_grain(tmp_path, spec)
-    rms, noise, signal = grain.mix(0, np.ones(2))
-    assert rms == 0
-    assert not any(noise.values())
-    assert min(signal.values()) > 0
+    assert read_grain(tmp_path, spec) is None
+    assert TimeResolvedStack((0,), (spec,)).has_grain(tmp_path)
 
 
 def test_spherical_aberration_enters_the_pupil(tmp_path, monkeypatch):
@@ -104,10 +104,10 @@ def test_spherical_aberration_enters_the_pupil(tmp_path, monkeypatch):
     scene = write_slide(tmp_path, monkeypatch, card=card)
     drive = scene.build_drive()
     assert drive.wavefront == Wavefront(spherical_m=0.7 * 550e-9, radius_m=drive.aperture_radius_m, height_m=1.0)
-    bent, straight = (make_renderer(one, GRID, backend_name="auto") for one in (scene, scene))
-    straight._drive = scene.card.lens.model_copy(update={"aberrations": None}).build_drive()
+    straight = SectionRenderer(scene, GRID, drive=replace(drive, wavefront=None))
+    bent = make_renderer(scene, GRID, backend_name="auto")
     assert abs(bent.render_picture(0.5) - straight.render_picture(0.5)).max() > 0.1
-    assert_says(refusal(spec_of, scene, aberrations="mild"), "vary over the field | spherical aberration alone")
+    assert_says(refusal(spec_of, scene, aberrations="mild"), "differs over the field | spherical aberration alone")
 
 
 def test_the_plan_counts_waves_and_not_samples(slide):
@@ -116,45 +116,47 @@ def test_the_plan_counts_waves_and_not_samples(slide):
     assert short > 0
 
 
-def test_checks_and_previews_take_a_section(slide, tmp_path, monkeypatch):
+def test_checks_take_a_section(slide):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24)
     found = list(check_scene(slide, sensor))
-    assert {f.check for f in found} >= {"geometry", "units", "reach", "exposure", "section", "family"}
+    assert {f.check for f in found} >= {"geometry", "units", "reach", "exposure", "family"}
     assert not [f for f in found if f.level == "error"]
-    (section,) = [f for f in found if f.check == "section"]
-    assert "methods that seek the largest contrast will miss the focus" in section.text
 
 
-def test_a_section_without_contrast_or_light_is_found_by_the_checks(tmp_path, monkeypatch):
+def test_a_section_without_light_is_refused_by_the_checks(tmp_path, monkeypatch):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24)
-    scene = write_slide(tmp_path, monkeypatch, build=CLEAR)
-    found = {f.check: f for f in check_scene(scene, sensor)}
-    assert found["section"].level == "error"
-    (scene.folder / "scene.py").write_text(CLEAR.replace("np.ones", "np.zeros"))
-    assert any("lets no light" in f.text or "is black" in f.text for f in check_scene(scene, sensor))
+    scene = write_slide(tmp_path, monkeypatch, build=CLEAR.replace("np.ones", "np.zeros"))
+    assert any("is black" in f.text for f in check_scene(scene, sensor))
+
+
+def test_a_preview_shows_a_phase_section_beside_its_focus(slide):
+    """In focus there would be nothing to see."""
+    renderer = make_renderer(slide.with_params({"height_um": 0}), GRID, backend_name="auto")
+    in_focus, beside = renderer.render_picture(0.5), renderer.render_pinhole(0.5)
+    assert beside.std() > 2 * in_focus.std()
 
 
 DRAWN = {
-    "no dictionary": ("return 3", "returned int | a dictionary of transmission, path_nm, texel_um"),
+    "no dictionary": ("return 3", "returned int | a dictionary of transmission, path_nm, texel_um, height_um"),
     "nothing": ("pass", "returned NoneType"),
-    "an unknown key": ("return {'transmision': 1, **good}", "'transmision' | transmission"),
-    "a missing key": ("good.pop('path_nm'); return good", "returned no 'path_nm'"),
-    "texels of 0": ("return {**good, 'texel_um': 0}", "texel_um = 0 | 0.001 to 10000"),
-    "texels in words": ("return {**good, 'texel_um': 'fine'}", "texel_um = 'fine'"),
-    "no height": ("return {**good, 'height_um': float('nan')}", "height_um = nan"),
-    "too much light": ("return {**good, 'transmission': a + 1.5}", "transmission with the value 1.5 | 0 to 1"),
-    "negative light": ("return {**good, 'transmission': a - 0.1}", "transmission with the value -0.1"),
-    "light that is no number": ("a[2, 2] = np.nan; return {**good, 'transmission': a}", "the value nan"),
-    "infinite path": ("return {**good, 'path_nm': a + np.inf}", "path_nm with the value inf"),
-    "a path in metres of glass": ("return {**good, 'path_nm': a + 1e7}", "path_nm with the value 1e+07"),
-    "a line": ("return {**good, 'path_nm': a[0]}", "path_nm of shape (6,)"),
-    "colours": ("return {**good, 'transmission': np.ones((4, 6, 3))}", "transmission of shape (4, 6, 3)"),
-    "no texels": ("return {**good, 'path_nm': np.ones((0, 6))}", "path_nm of shape (0, 6)"),
+    "an unknown key": ("return {'transmision': 1, **good}", "returned transmision, transmission, | a dictionary of"),
+    "a missing key": ("good.pop('path_nm'); return good", "returned transmission, texel_um | path_nm"),
+    "texels of 0": ("return {**good, 'texel_um': 0}", "texel_um as 0 to 0 | a number of 0.001 to 10000"),
+    "texels in words": ("return {**good, 'texel_um': 'fine'}", "texel_um as <U4 | a number"),
+    "no height": ("return {**good, 'height_um': float('nan')}", "height_um as nan to nan"),
+    "too much light": ("return {**good, 'transmission': a + 1.5}", "transmission as 1.5 to 1.5 | of 0 to 1"),
+    "negative light": ("return {**good, 'transmission': a - 0.1}", "transmission as -0.1 to -0.1"),
+    "light that is no number": ("a[2, 2] = np.nan; return {**good, 'transmission': a}", "transmission as nan to nan"),
+    "infinite path": ("return {**good, 'path_nm': a + np.inf}", "path_nm as inf to inf"),
+    "a path in metres of glass": ("return {**good, 'path_nm': a + 1e7}", "path_nm as 1e+07 to 1e+07"),
+    "a line": ("return {**good, 'path_nm': a[0]}", "path_nm as float64 of shape (6,)"),
+    "colours": ("return {**good, 'transmission': np.ones((4, 6, 3))}", "transmission as float64 of shape (4, 6, 3)"),
+    "no texels": ("return {**good, 'path_nm': np.ones((0, 6))}", "path_nm as float64 of shape (0, 6)"),
     "complex": ("return {**good, 'transmission': a * 1j}", "transmission as complex128"),
     "text": ("return {**good, 'path_nm': 'path.png'}", "path_nm as <U8"),
-    "ragged rows": ("return {**good, 'path_nm': [[1, 2], [3]]}", "rows of different lengths"),
-    "two shapes": ("return {**good, 'path_nm': a[:, :3]}", "transmission of (4, 6) and path_nm of (4, 3)"),
-    "two numbers": ("return {**good, 'transmission': 1, 'path_nm': 20}", "returned two numbers"),
+    "ragged rows": ("return {**good, 'path_nm': [[1, 2], [3]]}", "path_nm as object | an array (row, col)"),
+    "two shapes": ("return {**good, 'path_nm': a[:, :3]}", "transmission of shape (4, 6) and path_nm of (4, 3)"),
+    "two numbers": ("return {**good, 'transmission': 1, 'path_nm': 20}", "transmission of shape () and path_nm of ()"),
     "an error": ("return 1 / 0", "ZeroDivisionError"),
 }
 
@@ -179,8 +181,8 @@ def test_integers_and_numbers_are_read_as_they_are(tmp_path, monkeypatch):
 
 
 CARDS = {
-    "an unknown condenser": (("lamp: [wide]", "lamp: [wild]"), "condenser of light group 'lamp': 'wild' | wide"),
-    "a condenser without a group": ((", stopped: [narrow]", ""), "'narrow' belongs to no light group"),
+    "an unknown condenser": (("lamp: [wide]", "lamp: [wild]"), "lights are ['narrow', 'wild'] | wide, narrow"),
+    "a condenser without a group": ((", stopped: [narrow]", ""), "lights are ['wide'] | wide, narrow"),
     "a condenser in two groups": (("stopped: [narrow]", "stopped: [narrow, wide]"), "'wide' is in two light groups"),
     "another target": (("[section]", "[cells]"), "target is ['cells'] | [section]"),
     "slices": (("target:", "slices_per_s: 80\ntarget:"), "does not move | slices_per_s"),
@@ -204,7 +206,7 @@ def test_a_card_that_does_not_fit_a_section_is_told_in_one_line(change, says, tm
 def test_a_section_needs_a_script(tmp_path, monkeypatch):
     scene = write_slide(tmp_path, monkeypatch)
     (scene.folder / "scene.py").rename(scene.folder / "scene.xml")
-    assert_says(refusal(load_scene, scene.folder), "scene.yaml:7 | a thin section needs scene.py, not scene.xml")
+    assert_says(refusal(load_scene, scene.folder), "scene.yaml:7 | a thin section has scene.xml | scene.py")
 
 
 def test_a_section_out_of_reach_is_told_with_what_is_allowed(tmp_path, monkeypatch):

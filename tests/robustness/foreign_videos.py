@@ -12,11 +12,8 @@ LOSSLESS_H264 = {"qp": "0", "preset": "ultrafast"}
 FFV1 = {"slicecrc": "1", "level": "3"}
 FORMATS = {
     # name: container, codec, its options, pixel formats, whether it loses anything
-    "ffv1 mkv": (
-        "mkv", "ffv1", FFV1,
-        ["gray", "gray10le", "gray16le", "yuv420p", "yuv444p", "yuv420p10le", "gbrp10le", "gbrp16le", "bgr0"], False,
-    ),
-    "h264 mkv": ("mkv", "libx264", LOSSLESS_H264, ["yuv420p", "yuv444p", "yuv420p10le"], False),
+    "ffv1 mkv": ("mkv", "ffv1", FFV1, ["gray", "yuv420p", "yuv444p", "bgr0", "gray10le", "yuv420p10le"], False),
+    "h264 mkv": ("mkv", "libx264", LOSSLESS_H264, ["yuv420p", "yuv444p"], False),
     "h264 mp4": ("mp4", "libx264", LOSSLESS_H264, ["yuv420p", "yuv444p", "yuv420p10le", "gray"], False),
     "h264 lossy mp4": ("mp4", "libx264", {"crf": "8"}, ["yuv420p"], True),
     "h264 rgb mp4": ("mp4", "libx264rgb", LOSSLESS_H264, ["rgb24"], False),
@@ -25,22 +22,24 @@ FORMATS = {
     "raw avi": ("avi", "rawvideo", {}, ["bgr24"], False),
     "mjpeg avi": ("avi", "mjpeg", {"b": "8000000", "qmin": "1", "qmax": "2"}, ["yuvj420p"], True),
     "ffv1 avi": ("avi", "ffv1", FFV1, ["yuv420p", "gray", "bgr0"], False),
-    "png mov": ("mov", "png", {}, ["rgb24", "gray", "rgb48be"], False),
+    "png mov": ("mov", "png", {}, ["rgb24", "gray"], False),
     "qtrle mov": ("mov", "qtrle", {}, ["rgb24"], False),
-    "prores mov": ("mov", "prores_ks", {}, ["yuv422p10le"], True),
 }  # fmt: skip
 SLOW = [Fraction(text) for text in ("24", "25", "30", "60", "24000/1001", "30000/1001", "240")]
 FAST = [*SLOW, Fraction(1000), Fraction(2000), Fraction(10000), Fraction(1, 3), Fraction(12, 7)]
-CURVES = {8: "linear", 16: "PQ", 18: "HLG"}
-"""By the number of the transfer in ITU-T H.273; all others are decoded as sRGB."""
-MATRICES = {1: (0.2126, 0.0722), 2: (0.299, 0.114), 5: (0.299, 0.114), 6: (0.299, 0.114), 9: (0.2627, 0.0593)}
+CURVES = {1: "bt709", 6: "bt709", 13: "srgb", 14: "bt709", 15: "bt709", 2: ""}
+"""By the number of the transfer in ITU-T H.273; unspecified has none, and others are not read."""
+MATRICES = {1: (0.2126, 0.0722), 5: (0.299, 0.114), 6: (0.299, 0.114), 9: (0.2627, 0.0593)}
 BT709, BT2020 = (0.2126, 0.7152, 0.0722), (0.2627, 0.6780, 0.0593)
 LIMITED, FULL, UNSPECIFIED = 1, 2, 2
 
 
 @dataclass(frozen=True)
 class Video:
-    """A video that was written: ``levels`` from 0 to 1 are what its integers mean, before the curve is undone."""
+    """A video that was written: ``levels`` from 0 to 1 are what its integers mean, before the curve is undone.
+
+    ``curve`` is what the file states, or what a user would have to; ``is_read`` is False if it must be refused.
+    """
 
     path: Path
     levels: np.ndarray
@@ -50,16 +49,8 @@ class Video:
     loss: str
     times: np.ndarray
     tick: float
-
-
-def write_picture(path: Path, values: np.ndarray, pix_fmt: str) -> None:
-    """Write one PNG of 16 bits per colour, which Pillow cannot write."""
-    codec = av.CodecContext.create("png", "w")
-    codec.width, codec.height, codec.pix_fmt = values.shape[1], values.shape[0], pix_fmt
-    codec.time_base = Fraction(1, 25)
-    frame = to_frame([values.astype(">u2").reshape(values.shape[0], -1)], pix_fmt, values.shape[:2])
-    packets = [*codec.encode(frame), *codec.encode(None)]
-    path.write_bytes(b"".join(bytes(packet) for packet in packets))
+    is_stated: bool
+    is_read: bool
 
 
 def to_frame(planes: list[np.ndarray], pix_fmt: str, size: tuple[int, ...]) -> av.VideoFrame:
@@ -74,14 +65,11 @@ def to_frame(planes: list[np.ndarray], pix_fmt: str, size: tuple[int, ...]) -> a
 
 def to_planes(values: np.ndarray, pix_fmt: str, matrix: int) -> list[np.ndarray]:
     """Return the integers by which a pixel format stores a picture, grey (H, W) or colour (H, W, 3)."""
-    bits = next((int(number) for number in ("10", "16", "48") if number in pix_fmt), 8)
-    bits = 16 if bits == 48 else bits
-    kind, top = ("u1" if bits == 8 else ">u2" if pix_fmt.endswith("be") else "<u2"), 2**bits - 1
+    bits = 10 if "10" in pix_fmt else 8
+    kind, top = ("u1" if bits == 8 else "<u2"), 2**bits - 1
     if pix_fmt.startswith("gray"):
         return [np.rint(values * top).astype(kind)]
-    if pix_fmt.startswith("gbrp"):
-        return [np.rint(values[..., channel] * top).astype(kind) for channel in (1, 2, 0)]
-    if pix_fmt in ("rgb24", "bgr24", "bgr0", "rgb48be"):
+    if pix_fmt in ("rgb24", "bgr24", "bgr0"):
         ordered = values[..., ::-1] if pix_fmt.startswith("bgr") else values
         if pix_fmt == "bgr0":
             ordered = np.dstack([ordered, np.ones(ordered.shape[:2])])
@@ -102,12 +90,10 @@ def to_planes(values: np.ndarray, pix_fmt: str, matrix: int) -> list[np.ndarray]
 
 def to_levels(planes: list[np.ndarray], pix_fmt: str, matrix: int, size: tuple[int, ...]) -> np.ndarray:
     """Return what these integers mean: the inverse of :func:`to_planes`, with the matrix that a file states."""
-    bits = 8 if planes[0].itemsize == 1 else 10 if "10" in pix_fmt else 16
+    bits = 8 if planes[0].itemsize == 1 else 10
     top = 2**bits - 1
     if pix_fmt.startswith("gray"):
         return planes[0] / top
-    if pix_fmt.startswith("gbrp"):
-        return np.stack([planes[2], planes[0], planes[1]], axis=-1) / top
     if not pix_fmt.startswith("yuv"):
         packed = planes[0].reshape(*size, -1)[..., :3] / top
         return packed[..., ::-1] if pix_fmt.startswith("bgr") else packed
@@ -132,9 +118,9 @@ def write_video_file(random: np.random.Generator, folder: Path, draw: Callable[[
     is_yuv = pix_fmt.startswith("yuv")
     colour = not pix_fmt.startswith("gray") and (not is_yuv or (pix_fmt == "yuv444p" and bool(random.integers(2))))
     values = draw(colour)
-    deep = pix_fmt.endswith(("10le", "16le", "48be"))
+    deep = pix_fmt.endswith("10le")
     tags = {
-        "color_trc": int(random.choice([2, 13, 1, 8, 16, 18] if deep else [2, 13, 1, 8])),
+        "color_trc": int(random.choice([2, 13, 1, 6, 8, 16], p=[0.4, 0.2, 0.2, 0.1, 0.05, 0.05])),
         "color_primaries": int(random.choice([1, 9])),
         "color_range": FULL if pix_fmt.startswith(("gray", "yuvj")) else LIMITED,
     }
@@ -153,13 +139,21 @@ def write_video_file(random: np.random.Generator, folder: Path, draw: Callable[[
     write_frames(path, frames, times, codec=codec, options=options, muxing=muxing, rate=rate, tick=tick, tags=tags)
     with av.open(str(path)) as file:  # containers do not hold every tag
         kept = next(file.decode(video=0))
-        matrix, curve = int(kept.colorspace), CURVES.get(int(kept.color_trc), "sRGB")
+        matrix, stated = int(kept.colorspace), CURVES.get(int(kept.color_trc))
         weights = BT2020 if int(kept.color_primaries) == 9 else BT709
+        full = int(kept.color_range) == FULL
+    curve = stated or str(random.choice(["srgb", "bt709", "linear"]))
+    if matrix == UNSPECIFIED:
+        matrix = 5 if curve == "srgb" else 1
+    is_read = not deep and (full or not pix_fmt.startswith("gray") or codec != "libx264")
     levels = np.stack([to_levels(one, pix_fmt, matrix, size) for one in planes])
-    loss = "lossy" if lossy else "rounded" if is_yuv and not deep else "exact"
-    stored = f"{name} {pix_fmt} {curve} {size} {how}{' slicecrc' if codec == 'ffv1' and container == 'mkv' else ''}"
-    coarse = 0.6e-3 if container in ("mkv", "webm") else 1e-6
-    return Video(path, levels, curve, weights, stored, loss, np.array([float(t - times[0]) for t in times]), coarse)
+    loss = "lossy" if lossy else "rounded" if is_yuv else "exact"
+    checksums = " slicecrc" if codec == "ffv1" and container == "mkv" else ""
+    said = stated or f"{'no' if stated == '' else 'another'} transfer ({curve})"
+    stored = f"{name} {pix_fmt} {said} {size} {how}{checksums}"
+    coarse = 1.1e-3 if container in ("mkv", "webm") else 1e-6
+    seconds = np.array([float(time - times[0]) for time in times])
+    return Video(path, levels, curve, weights, stored, loss, seconds, coarse, bool(stated), is_read)
 
 
 def draw_times(random: np.random.Generator, name: str, count: int) -> tuple[list[Fraction], Fraction, Fraction, str]:

@@ -90,7 +90,10 @@ KINDS = (
     Kind(
         "pictures",
         ("pictures/0.png", "pictures/1.png", "pictures/3.tif", "frames.npy"),
-        ("encode pictures --out out.h5 --rate 2000 --sensor ideal", "encode frames.npy --out out.h5 --rate 2000"),
+        (
+            "encode pictures --out out.h5 --rate 2000 --sensor ideal --transfer srgb",
+            "encode frames.npy --out out.h5 --rate 2000 --linear",
+        ),
         (BYTES,),
     ),
     Kind("focal stack", ("stack.exr", "slices.exr"), ("!stack",), (BYTES,)),

@@ -387,7 +387,7 @@ def scripted(tmp_path):
 def test_a_script_elsewhere_is_not_run(scripted, tmp_path, monkeypatch):
     error = refusal(load_scene, scripted)
     assert "scene.py is code" in error.problem
-    assert f"SAF_GEN_SCENES={scripted.parent}" in error.hint
+    assert f"saf-gen scenes list --trust {scripted.parent}" in error.hint
     monkeypatch.chdir(scripted.parent)
     assert "is code" in refusal(load_scene, scripted).problem
     assert not (tmp_path / "ran").exists()
@@ -399,7 +399,7 @@ def test_scenes_of_the_working_directory_are_found_once_it_is_registered(scripte
     monkeypatch.chdir(here)
     error = refusal(find_scene, "plane")
     assert error.problem == "the scene 'plane' is only in ./scenes, which is not registered"
-    assert error.hint == f"read its code, and if you trust it: saf-gen init {here}"
+    assert error.hint == f"read its code, and if you trust it: saf-gen scenes list --trust {here}/scenes"
     assert "plane" not in scene_names()
     assert refusal(load_scene, here / "scenes/plane").hint == error.hint
     register_folder(Path("scenes"))

@@ -32,7 +32,7 @@ def test_a_list_that_cannot_be_read_is_named():
     registration_file().write_bytes(b"\xff\xfe")
     error = refusal(registered_folders)
     assert str(registration_file()) in error.problem
-    assert error.hint == "remove it, and run saf-gen init again"
+    assert error.hint == "remove it, and trust the folders again: saf-gen scenes list --trust FOLDER"
 
 
 def test_without_a_home_folder_nothing_is_registered_and_the_hint_names_the_variable(tmp_path, monkeypatch):
@@ -42,34 +42,36 @@ def test_without_a_home_folder_nothing_is_registered_and_the_hint_names_the_vari
     assert "SAF_GEN_SCENES" in refusal(register_folder, tmp_path).hint
 
 
-def test_init_makes_and_registers_a_folder(call, tmp_path, monkeypatch):
+def test_a_listed_folder_is_trusted_and_then_forgotten(call, tmp_path, monkeypatch):
     scenes = tmp_path / "mine/scenes"
-    code, out, err = call("init", tmp_path / "mine")
-    assert (code, err) == (0, "")
-    assert out == f"{scenes} is registered\nnext: saf-gen scenes new my_scene; saf-gen generate quickstart\n"
+    scenes.mkdir(parents=True)
     monkeypatch.chdir(scenes.parent)
     assert call("scenes", "new", "card")[0] == 0
-    out = call("init")[1]
-    assert f"{scenes} was registered already\nscenes found by name in {scenes.parent}: card\n" in out
-    assert call("init", "--forget")[1] == f"{scenes} is no longer registered; its files are unchanged\n"
+    forget_folder(scenes)
+    code, out, err = call("scenes", "preview", "card")
+    assert (code, f"saf-gen scenes list --trust {scenes}" in err) == (2, True)
+    code, out, err = call("scenes", "list", "--trust", "scenes")
+    assert (code, err, "card" in out.split()) == (0, f"{scenes}: trusted from now on\n", True)
+    code, out, err = call("scenes", "list", "--forget", "scenes")
+    assert (code, err, "card" in out.split()) == (0, f"{scenes}: not trusted\n", False)
     assert (scenes / "card/scene.yaml").is_file()
-    code, _, err = call("scenes", "preview", "card")
-    assert code == 2
-    assert "saf-gen init" in err
 
 
 def test_a_new_scene_registers_a_folder_without_scenes_and_no_other(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert f"registered: {tmp_path / 'scenes'};" in call("scenes", "new", "card")[1]
+    assert f"trusted: {tmp_path / 'scenes'};" in call("scenes", "new", "card")[1]
     assert registered_folders() == [tmp_path / "scenes"]
     forget_folder(tmp_path / "scenes")
-    assert "next: saf-gen init, if you trust the code of all scenes in ./scenes" in call("scenes", "new", "other")[1]
+    assert (
+        "next: saf-gen scenes list --trust scenes, if you trust the code of all scenes there"
+        in call("scenes", "new", "other")[1]
+    )
     assert registered_folders() == []
 
 
-def test_a_folder_that_cannot_be_made_is_one_line(call, tmp_path):
+def test_what_is_no_folder_is_not_trusted(call, tmp_path):
     (tmp_path / "file").write_text("")
-    code, _, err = call("init", tmp_path / "file")
-    assert (code, err.count("\n")) == (2, 1)
-    assert "file/scenes cannot be written" in err
+    for name in ("file", "gone"):
+        code, _, err = call("scenes", "list", "--trust", tmp_path / name)
+        assert (code, err.count("\n"), f"{name}: is no folder" in err) == (2, 1, True)
     assert registered_folders() == []

@@ -131,7 +131,7 @@ def truth_of(schedule, stack, *, gain=None):
     colour = find(schedule)
     if gain is None:
         gain = group_gains(schedule, stack.spec.groups, frames=400, readout_hz=20_000)
-    blends = colour.blends([stack.spec], gain=gain, charge=np.ones(len(colour.lamps)))
+    blends = colour.blends(stack.spec, gain=gain, charge=np.ones(len(colour.lamps)))
     return find_true_focus(PlaneSource.from_stack(stack), SWEEP, blends=blends)[0], blends
 
 
@@ -172,7 +172,7 @@ def test_darkness_keeps_the_usual_mix():
 def test_a_lens_without_axial_colour_keeps_the_closed_form():
     stack = wide_stack()
     colour = lit_by("led", lens=None)
-    blends = colour.blends([stack.spec], gain=np.ones((400, 2)), charge=np.ones(2))
+    blends = colour.blends(stack.spec, gain=np.ones((400, 2)), charge=np.ones(2))
     found = find_true_focus(PlaneSource.from_stack(stack), SWEEP, blends=blends)[0]
     plain = find_true_focus(PlaneSource.from_stack(stack), SWEEP)[0]
     assert found.position == plain.position
@@ -183,17 +183,17 @@ def test_a_scale_that_would_be_wrong_is_refused_and_a_lens_that_keeps_it_is_not(
     strong = {"singlet": "n-bk7"}
     macro = ImageDistanceDrive(0.05, 2.0, (0.8, 0.6))
     wide = replace(SPEC, drive=macro, rows=250, columns=400, pitch_m=20e-6)
-    assert "scale of pictures" in str(refusal(lit_by("tungsten", lens=strong).check, [wide]))
-    lit_by("tungsten", lens={"achromat": 2000}).check([wide])
-    lit_by("tungsten", lens=strong).check([replace(wide, drive=FocalLengthDrive(0.0535, 2.14, (0.8, 0.6)))])
+    assert "scale of pictures" in str(refusal(lit_by("tungsten", lens=strong).check, wide))
+    lit_by("tungsten", lens={"achromat": 2000}).check(wide)
+    lit_by("tungsten", lens=strong).check(replace(wide, drive=FocalLengthDrive(0.0535, 2.14, (0.8, 0.6))))
 
 
 def test_waves_that_one_wavelength_cannot_show_are_refused():
     slow = ImageDistanceDrive(0.05, 22.0, (0.8, 0.6))
     spec = replace(SPEC, drive=slow, pitch_m=20e-6, wavelength_m=555e-9)
-    assert "waves of" in str(refusal(lit_by("tungsten", lens=None).check, [spec]))
-    lit_by("tungsten", lens=None).check([replace(spec, wavelength_m=0.0)])
-    lit_by("sodium", lens=None).check([spec])
+    assert "waves of" in str(refusal(lit_by("tungsten", lens=None).check, spec))
+    lit_by("tungsten", lens=None).check(replace(spec, wavelength_m=0.0))
+    lit_by("sodium", lens=None).check(spec)
 
 
 @pytest.mark.parametrize("lamp", ["tungsten", "led"])
@@ -220,7 +220,7 @@ def test_the_truth_is_where_mixed_pictures_are_sharpest(lamp):
         basis = np.stack([np.cos(2 * np.pi * cycles * column), np.ones(24)])
         wave, mean = np.linalg.lstsq(basis.T, found.T, rcond=None)[0]
         contrast += (wave / mean) ** 2
-    blend = lit_by(lamp).blends([spec], gain=np.ones((1, 2)), charge=np.ones(2)).blends[0]
+    blend = lit_by(lamp).blends(spec, gain=np.ones((1, 2)), charge=np.ones(2)).blends[0]
     depth = np.full((1, 1), 0.5)
     truth = replace(spec.in_focus, blend=blend).true_focus(depth, depth > 0)
     k = int(contrast.argmax())

@@ -178,7 +178,7 @@ TURNING = {"up and down": [0, 1, 2, 3, 2, 1], "a step back": [0, 1, 0.9, 2, 3, 4
 def test_positions_that_turn_back_are_left_to_the_user(tmp_path, call, name):
     write_ome(tmp_path / "a.tif", Plane=planes(TURNING[name]))
     (tmp_path / "lens.csv").write_text("frame,position\n0,0\n99,1\n")
-    ask = ("encode", tmp_path / "a.tif", "--rate", 1000, "--out", tmp_path / "a.h5")
+    ask = ("encode", tmp_path / "a.tif", "--linear", "--rate", 1000, "--out", tmp_path / "a.h5")
     code, _, err = call(*ask)
     assert (code, (tmp_path / "a.h5").exists()) == (2, False)
     assert "the focus turns back from" in err
@@ -194,7 +194,7 @@ def test_each_readout_has_the_position_between_its_pictures(tmp_path, call):
     """Six pictures at 100 Hz: readout t is at (t + 1/2) / 200 pictures, and the focus moves straight between them."""
     z = np.array([-1.0, 0, 0.5, 4, 6, 9])
     write_ome(tmp_path / "a.ome.tif", Plane=planes(z))
-    options = ("--rate", 100, "--out", tmp_path / "a.h5", "--truth", "frame:500")
+    options = ("--linear", "--rate", 100, "--out", tmp_path / "a.h5", "--truth", "frame:500")
     code, out, _ = call("encode", tmp_path / "a.ome.tif", *options)
     assert code == 0
     assert "focus at -1 to 9 µm in 6 pictures (PositionZ in OME-XML), stored as 0 to 1" in out
@@ -203,7 +203,9 @@ def test_each_readout_has_the_position_between_its_pictures(tmp_path, call):
         assert stream.focus_position == pytest.approx(expected, abs=1e-6)
         assert stream.truth.position == pytest.approx(expected[500], abs=1e-6)
         assert json.loads(stream.metadata.provenance["encode"])["focus"]["z"] == z.tolist()
-    plan = prepare_pictures(open_pictures(tmp_path / "a.ome.tif"), get_sensor("vidar_400x250"), rate_hz=100)
+    plan = prepare_pictures(
+        open_pictures(tmp_path / "a.ome.tif", linear=True), get_sensor("vidar_400x250"), rate_hz=100
+    )
     encode_pictures(plan, tmp_path / "b.h5")
     with open_stream(tmp_path / "b.h5") as stream:
         assert stream.focus_position == pytest.approx(expected, abs=1e-6)

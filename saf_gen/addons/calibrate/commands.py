@@ -12,7 +12,7 @@ from rich.progress import Progress, TaskID
 
 from saf_gen.cli._tables import finite_value, print_json, print_table
 from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
-from saf_gen.cli.addons import NOTHING_WRITTEN, Command
+from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
@@ -239,8 +239,12 @@ COMMANDS = {
     "sensors compare": Command(
         compare_command,
         examples=("sensors compare recording.h5 vidar_400x250", "sensors compare --published vidar_400x250"),
+        panel=Panel.SCENES,
     ),
     "sensors fit": Command(
-        fit_command, examples=("sensors fit dim.h5 bright.h5 --dark dark.h5 --name my_camera",), stopped=NOTHING_WRITTEN
+        fit_command,
+        examples=("sensors fit dim.h5 bright.h5 --dark dark.h5 --name my_camera",),
+        panel=Panel.SCENES,
+        stopped=NOTHING_WRITTEN,
     ),
 }

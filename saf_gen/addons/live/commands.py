@@ -11,7 +11,7 @@ import typer
 from rich.progress import TaskID
 
 from saf_gen.cli._terminal import err, out, progress_bars
-from saf_gen.cli.addons import FINISHED_WORK_IS_KEPT, Command
+from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
 
 
 def live_command(
@@ -25,7 +25,10 @@ def live_command(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: a free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open no browser.")] = False,
 ) -> None:
-    """Hold a running camera: turn focus and lamps on a page, and see counts, scores and what methods do."""
+    """Hold a running camera, and focus it on a page.
+
+    The page turns focus and lamps, and shows counts, scores and what methods do.
+    """
     from saf_gen.addons.live.camera import LiveCamera
     from saf_gen.addons.live.server import LiveRoom, LiveServer
     from saf_gen.addons.live.source import open_capture
@@ -71,6 +74,7 @@ COMMANDS = {
     "live": Command(
         live_command,
         examples=("live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
+        panel=Panel.EVALUATE,
         stopped=FINISHED_WORK_IS_KEPT,
     )
 }

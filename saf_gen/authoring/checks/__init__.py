@@ -16,7 +16,6 @@ from saf_gen.authoring.checks.geometry import (
 )
 from saf_gen.authoring.checks.grain import check_grain
 from saf_gen.authoring.checks.pictures import check_curve, check_detail, check_exposure, check_slices
-from saf_gen.authoring.checks.section import check_section
 from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.camera import Sensor
 from saf_gen.core.finding import Finding
@@ -33,7 +32,6 @@ __all__ = [
     "check_motion",
     "check_reach",
     "check_scene",
-    "check_section",
     "check_slices",
     "check_units",
 ]
@@ -55,7 +53,6 @@ CHECKS_OF_SECTIONS: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...] = 
     check_units,
     check_reach,
     check_exposure,
-    check_section,
     check_family,
 )
 """Nothing in a thin section moves or is random."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from saf_gen.camera import Sensor, charge_of_images
 from saf_gen.optics import Drive, FocusCriterion
-from saf_gen.render import Renderer, make_renderer
+from saf_gen.render import make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
+from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack
 
 POSITIONS, SAMPLES = 65, 16  # over the whole travel
 SLOW_POSITIONS, SLOW_SAMPLES = 17, 8
-SECTION_POSITIONS = 33  # a position of a thin section takes a second or two
 NEAR = 8  # positions on either side of the true focus, a quarter of the depth of focus apart
 NEAR_SAMPLES = 16
 
@@ -32,7 +32,7 @@ class SceneUnderTest:
     backend: str = "auto"
 
     @cached_property
-    def renderer(self) -> Renderer:
+    def renderer(self) -> SceneRenderer:
         """Renderer of the scene."""
         return make_renderer(self.scene, self.sensor, backend_name=self.backend, wavelength_m=self.sensor.wavelength_m)
 
@@ -87,8 +87,6 @@ class SceneUnderTest:
     def stack(self) -> FocalStack:
         """Coarse focal stack over the whole travel, with all lights together."""
         positions, samples = (SLOW_POSITIONS, SLOW_SAMPLES) if self.renderer.is_slow else (POSITIONS, SAMPLES)
-        if self.scene.card.section is not None:
-            positions = SECTION_POSITIONS
         return self.renderer.render_stack(
             self.depth_and_target, positions=positions, samples=samples, as_one_group=True
         )

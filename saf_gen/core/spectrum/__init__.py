@@ -110,10 +110,14 @@ def _power(spectrum: object) -> np.ndarray:
             if not (is_number(value) and low <= value <= high):
                 raise BadInput(f"{form} is {value!r}", allowed=f"{low:,} to {high:,} kelvins")
             return _black_body(float(value)) if form == "blackbody" else _daylight(float(value))
-    forms = (*NAMES, *(f"{{{form}: KELVINS}}" for form in FORMS), "{file: TABLE.csv}")
+    forms = (
+        {name: name for name in NAMES}
+        | {form: f"{{{form}: KELVINS}}" for form in FORMS}
+        | {"file": "{file: TABLE.csv}"}
+    )
     name = next(iter(spectrum)) if isinstance(spectrum, Mapping) and spectrum else spectrum
-    near = closest(str(name), [*NAMES, *FORMS, "file"])
-    raise BadInput(f"spectrum is {spectrum!r}", allowed=", ".join(forms), nearest=near)
+    near = closest(str(name), forms)
+    raise BadInput(f"spectrum is {spectrum!r}", allowed=", ".join(forms.values()), nearest=forms.get(near, ""))
 
 
 def _black_body(kelvins: float) -> np.ndarray:

@@ -22,8 +22,7 @@ COMMON_KEYS = {
     "unit": "ratio or lux (ratio): with lux, the gains and the offset are illuminances of the target in lux.",
     "lux_at_gain_1": "Lux, above 0 (from the scene card): with unit lux, the illuminance of the target at gain 1.",
     "spectrum": "led, tungsten, sodium, or one in braces (one wavelength, that of the sensor): the spectrum of the "
-    "light; {blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power; of "
-    "constant light also {from: SPECTRUM, to: SPECTRUM}, which changes from one to the other over the recording.",
+    "light; {blackbody: KELVINS}, {daylight: KELVINS}, or {file: TABLE.csv} with the columns wavelength_nm, power.",
 }
 """Keys that every kind of light schedule takes in addition to the fields of its class, with their meaning."""
 

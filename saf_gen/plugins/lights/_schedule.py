@@ -12,10 +12,6 @@ grammar for it, because everything that a lamp does over time is a schedule alre
 
     [{kind: ramp, from: 1, to: 0, spectrum: tungsten}, {kind: ramp, from: 0, to: 1, spectrum: led}]
 
-which is also written, and read as that list, as::
-
-    {kind: constant, spectrum: {from: tungsten, to: led}}
-
 A product multiplies schedules at each moment, for one lamp under several of them. Its factors are schedules by their
 kind; what belongs to the whole lamp (``COMMON_KEYS``) stands beside the product, not in a factor::
 
@@ -38,7 +34,7 @@ from saf_gen.core import seeds
 from saf_gen.core.config import components, registry
 from saf_gen.core.config.components import Component
 from saf_gen.core.config.document import Document, Key
-from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
+from saf_gen.core.config.ranges import draw_range, is_range, range_extremes
 from saf_gen.core.csv_table import read_text_in
 from saf_gen.errors import BadInput, located
 from saf_gen.parts import Light
@@ -81,36 +77,8 @@ def read_schedule(
 
 def _read_all(schedule: Schedule, document: Document, *, keys: tuple[Key, ...]) -> Schedule:
     if isinstance(schedule, list):
-        read = [_read_crossing(component, document, keys=(*keys, n)) for n, component in enumerate(schedule)]
-        return [component for components in read for component in components]
-    first, *others = _read_crossing(schedule, document, keys=keys)
-    return [first, *others] if others else first
-
-
-def _read_crossing(component: Component, document: Document, *, keys: tuple[Key, ...]) -> list[Component]:
-    """Read a component, which is two ramps if its spectrum changes from one to another."""
-    spectrum = component.get("spectrum") if isinstance(component, dict) else None
-    if not (isinstance(spectrum, dict) and {"from", "to"} & set(spectrum)):
-        return [_read(component, document, keys=keys)]
-    where, level = document.locate(*keys, "spectrum"), component.get("level", 1)
-    if set(spectrum) != {"from", "to"}:
-        raise BadInput(
-            f"the spectrum has the keys {', '.join(map(str, spectrum))}",
-            where=where,
-            allowed="{from: SPECTRUM, to: SPECTRUM}, such as {from: tungsten, to: led}",
-        )
-    if component.get("kind") != "constant" or not is_number(level) or set(component) - {"kind", "level", "spectrum"}:
-        raise BadInput(
-            "a spectrum that changes is that of a light that does more than be constant",
-            where=where,
-            allowed="{kind: constant, spectrum: {from: …, to: …}}, and level as a number",
-            hint="write two ramps that cross in a list: [{kind: ramp, from: 1, to: 0, spectrum: tungsten}, …]",
-        )
-    ramps = [
-        {"kind": "ramp", "from": begin, "to": end, "spectrum": spectrum[key]}
-        for key, begin, end in (("from", level, 0), ("to", 0, level))
-    ]
-    return [_read(ramp, document, keys=keys) for ramp in ramps]
+        return [_read(component, document, keys=(*keys, n)) for n, component in enumerate(schedule)]
+    return _read(schedule, document, keys=keys)
 
 
 def _read(component: Component, document: Document, *, keys: tuple[Key, ...]) -> Component:

@@ -16,14 +16,12 @@ import numpy as np
 from saf_gen.camera import Encoder, Sensor, exposure_scale
 from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.linear_light import PictureFrames
+from saf_gen.stream.interop.linear_light import ASK_TRANSFER, PictureFrames
 from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
 BLOCK_FRAMES, BLOCK_KNOTS, BLOCK_BYTES = 2_000, 64, 256 << 20
 """Largest numbers of readouts, pictures, and bytes of pictures in memory at a time."""
-RAW_BITS = 14
-"""Bits of raw values in words of 16: they are light, and far too dim if they are decoded as sRGB."""
 SLOW_READOUTS = 10
 """Readouts per picture from which a camera counts as slow: motion then looks like a fade."""
 
@@ -155,10 +153,15 @@ def prepare_pictures(
     Raises
     ------
     BadInput
-        If neither the caller nor the source states a rate, if times do not increase, if there are too many frames, if
-        all pictures are black, or if the sensor cannot reach the mean rate.
+        If neither the caller nor the source states how values stand for light, or a rate, if times do not increase, if
+        there are too many frames, if all pictures are black, or if the sensor cannot reach the mean rate.
     """
     where, notes = str(pictures.path), pictures.notes
+    if not pictures.is_stated:
+        raise BadInput(
+            "does not say how its values stand for light", where=where, allowed="sRGB, BT.709 or linear",
+            hint=ASK_TRANSFER,
+        )  # fmt: skip
     if rate_hz is not None and not 0 < rate_hz < np.inf:
         raise BadInput(f"{rate_hz:g} pictures per second", where=where, allowed="above 0")
     rate = pictures.rate_hz if rate_hz is None else Fraction(str(rate_hz))
@@ -178,9 +181,6 @@ def prepare_pictures(
         own = describe_pace(pictures.times, pictures.rate_hz)
         taken = describe_pace(None, rate)
         notes = (*notes, f"{pictures.path.name}: its pictures {own} are taken to be {taken} (--rate)")
-    if 0 < pictures.highest < 1 << RAW_BITS and pictures.transfer.bounded:
-        said = f"its numbers of 16 bits have {pictures.highest.bit_length()} at most: add --linear if they are raw"
-        notes = (*notes, f"{pictures.path.name}: {said}")
     max_frames = _max_frames(pictures, sensor, count=count, rate=rate) if count > 1 else None
     if max_frames is not None and (max_frames < 1 or (frames is not None and frames > max_frames)):
         raise BadInput(
@@ -253,9 +253,8 @@ def encode_pictures(plan: PictureEncoding, out: str | os.PathLike[str], *, seed:
     metadata = metadata_from_options({**optional, "provenance": {"encode": dumps(settings, ensure_ascii=False)}})
     encoder = Encoder(plan.sensor, plan.pictures.shape, seed=seed)
     shape, readout_hz = (plan.frames, *plan.pictures.shape), plan.sensor.readout_hz
-    fast = not plan.samples and plan.readouts_per_picture < SLOW_READOUTS
     with StreamWriter(out, shape=shape, readout_hz=readout_hz, metadata=metadata) as writer:
-        for knots, index, fraction in _integrated(plan) if fast else _blocks(plan):
+        for knots, index, fraction in _blocks(plan):
             stack = (np.stack(knots)[None] * np.float32(plan.scale)).astype(np.float32, copy=False)
             gain = np.ones((len(index), 1), np.float32)
             writer.write(encoder.encode(stack, index=index, fraction=fraction, gain=gain))
@@ -345,23 +344,6 @@ def _mean_light(reader: _Reader, times: np.ndarray, *, readout: int) -> np.ndarr
     for number in range(first, last + 1):
         light += np.float32(_light_shares(edges, times, number=number)[0]) * reader[number]
     return light
-
-
-def _integrated(plan: PictureEncoding) -> Iterator[tuple[list[np.ndarray], np.ndarray, np.ndarray]]:
-    """Yield the mean light of each readout of a block, exact for light that is linear between pictures."""
-    step = max(min(BLOCK_KNOTS, BLOCK_BYTES // (8 * prod(plan.pictures.shape))) // 8 * 8, 8)
-    times, reader = _times_in_readouts(plan), _Reader(plan)
-    for begin in range(0, plan.frames, step):
-        edges = np.arange(begin, min(begin + step, plan.frames) + 1)
-        light = np.zeros((len(edges) - 1, *plan.pictures.shape), np.float32)
-        first = int(np.searchsorted(times, edges[0], "right")) - 1
-        last = min(int(np.searchsorted(times, edges[-1], "left")), plan.count - 1)
-        for number in range(first, last + 1):
-            reader.hold(min(number, last - 1), number)
-            shares = _light_shares(edges, times, number=number)
-            for readout in np.flatnonzero(shares):
-                light[readout] += np.float32(shares[readout]) * reader[number]
-        yield list(light), np.arange(len(light)), np.zeros(len(light))
 
 
 def _light_shares(edges: np.ndarray, times: np.ndarray, *, number: int) -> np.ndarray:

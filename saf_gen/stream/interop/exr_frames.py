@@ -8,7 +8,7 @@ import numpy as np
 
 from saf_gen.core.exr import FLAT_KINDS, ForeignPart, read_foreign_channels, read_foreign_headers
 from saf_gen.errors import BadInput, closest
-from saf_gen.stream.interop.linear_light import LUMINANCE, PictureFrames
+from saf_gen.stream.interop.linear_light import LINEAR, LUMINANCE, PictureFrames
 from saf_gen.stream.metadata import MAX_PIXELS
 
 RGB = ("R", "G", "B")
@@ -41,7 +41,7 @@ class ExrFrames(PictureFrames):
         self._files, self._layers = files, [layer for layer, _ in chosen]
         parts = [layer.part for layer in self._layers]
         left, top, right, bottom = parts[0].display_window
-        super().__init__(path, linear=True, shape=(bottom - top + 1, right - left + 1))
+        super().__init__(path, transfer=LINEAR, shape=(bottom - top + 1, right - left + 1))
         if len(files) > 1 and len({part.rate_hz for part in parts}) == 1:
             self.rate_hz = parts[0].rate_hz
         others = sorted({name for _, names in chosen for name in names})

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from itertools import pairwise
 from math import prod
 from pathlib import Path
 
@@ -15,11 +15,6 @@ from saf_gen.stream.metadata import MAX_PIXELS
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Weights of linear red, green and blue (ITU-R BT.709), since a spike camera sees no colour."""
-WIDE_LUMINANCE = {
-    9: np.array([0.2627, 0.6780, 0.0593], np.float32),  # ITU-R BT.2020
-    12: np.array([0.2290, 0.6917, 0.0793], np.float32),  # SMPTE EG 432-1, Display P3
-}
-"""Weights for other primaries, by their number in ITU-T H.273."""
 
 
 @dataclass(frozen=True)
@@ -48,50 +43,19 @@ def decode_srgb(values: np.ndarray) -> np.ndarray:
     return linear.astype(np.float32)
 
 
-def decode_pq(values: np.ndarray) -> np.ndarray:
-    """Return the luminance in cd/m², float32, of PQ values from 0 to 1 (ITU-R BT.2100-2, table 4; SMPTE ST 2084)."""
-    root = np.asarray(values, np.float64) ** (32 / 2523)
-    ratio = np.maximum(root - 107 / 128, 0) / (2413 / 128 - 299 / 16 * root)
-    return np.asarray(10_000 * ratio ** (8192 / 1305), np.float32)
-
-
-def decode_hlg(values: np.ndarray) -> np.ndarray:
-    """Return the light of the scene from 0 to 1, float32, of HLG values from 0 to 1 (ITU-R BT.2100-2, table 5)."""
-    v = np.asarray(values, np.float64)
-    a = 0.17883277
-    b, c = 1 - 4 * a, 0.5 - a * np.log(4 * a)
-    return np.where(v <= 0.5, v**2 / 3, (np.exp((v - c) / a) + b) / 12).astype(np.float32)
-
-
-@cache
-def power_law(gamma: float) -> Transfer:
-    """Return the decoding of values that are light to the power 1/``gamma``."""
-    return Transfer(f"gamma {gamma:.3g} decoded", lambda values: np.asarray(values, np.float32) ** np.float32(gamma))
+def decode_bt709(values: np.ndarray) -> np.ndarray:
+    """Return the light of the scene, float32, of values from 0 to 1 by the curve of a camera (ITU-R BT.709, 1.2)."""
+    v = np.asarray(values, np.float32)
+    linear: np.ndarray = np.where(v < 0.081, v / 4.5, ((np.maximum(v, 0) + 0.099) / 1.099) ** (1 / 0.45))
+    return linear.astype(np.float32)
 
 
 LINEAR = Transfer("linear light", lambda values: values, bounded=False)
 SRGB = Transfer("sRGB decoded", decode_srgb)
-_H273 = {
-    1: SRGB, 2: SRGB, 4: power_law(2.2), 5: power_law(2.8), 6: SRGB, 8: LINEAR, 11: SRGB, 13: SRGB, 14: SRGB,
-    15: SRGB, 16: Transfer("PQ decoded, in cd/m²", decode_pq), 18: Transfer("HLG decoded", decode_hlg),
-}  # fmt: skip
-"""Decoding by the number of a transfer characteristic in ITU-T H.273. Video that follows BT.709, BT.601 or BT.2020 is
-made to be looked at on a screen, whose light sRGB describes better than the inverse of the camera's curve does."""
-_UNREAD = {7: "SMPTE 240M", 9: "logarithmic, 100:1", 10: "logarithmic, 316:1", 12: "BT.1361", 17: "SMPTE 428"}
-
-
-def find_transfer(number: int, *, where: Path) -> Transfer:
-    """Return the decoding for the number of a transfer characteristic in ITU-T H.273; 2 means unspecified.
-
-    Raises BadInput if it is one that cannot be decoded here.
-    """
-    if number not in _H273:
-        raise BadInput(
-            f"its tag says that light is stored as {_UNREAD.get(number, f'transfer characteristic {number}')}",
-            where=str(where), allowed="sRGB, BT.709, BT.601, BT.2020, PQ, HLG, gamma 2.2, gamma 2.8 or linear",
-            hint="convert it, or add --linear if the values are linear light",
-        )  # fmt: skip
-    return _H273[number]
+BT709 = Transfer("BT.709 decoded", decode_bt709)
+TRANSFERS = {"srgb": SRGB, "bt709": BT709}
+"""What a user can state besides linear light."""
+ASK_TRANSFER = "add --transfer srgb, --transfer bt709, or --linear for linear light"
 
 
 class PictureFrames:
@@ -104,7 +68,10 @@ class PictureFrames:
     shape : tuple of int
         (H, W).
     transfer : Transfer
-        How the values are decoded: not at all if they are linear light, else as sRGB, unless the source says otherwise.
+        How the values are decoded.
+    is_stated : bool
+        Whether the source, or the user, states this. Otherwise values are decoded as sRGB, for callers that ask their
+        users in their own words.
     weights : array
         Float32 (3,), the share of linear red, green and blue in the light.
     rate_hz : Fraction or None
@@ -118,8 +85,6 @@ class PictureFrames:
         What was assumed or left out, a line each.
     positions : StackPositions or None
         Where the focus was in each picture, if the source states it.
-    highest : int
-        The largest integer of 16 bits that has been read.
     """
 
     rate_hz: Fraction | None = None
@@ -128,9 +93,8 @@ class PictureFrames:
     notes: tuple[str, ...] = ()
     positions: StackPositions | None = None
     weights: np.ndarray = LUMINANCE
-    highest: int = 0
 
-    def __init__(self, path: Path, *, linear: bool, shape: tuple[int, ...]) -> None:
+    def __init__(self, path: Path, *, transfer: Transfer | None, shape: tuple[int, ...]) -> None:
         if len(shape) != 2 or min(shape) < 1 or prod(shape) > MAX_PIXELS:
             raise BadInput(
                 f"the pictures have the shape {shape}",
@@ -138,7 +102,7 @@ class PictureFrames:
                 allowed=f"rows and columns, at most {MAX_PIXELS} pixels",
             )
         self.path, self.shape = path, (int(shape[0]), int(shape[1]))
-        self.transfer = LINEAR if linear else SRGB
+        self.transfer, self.is_stated = transfer or SRGB, transfer is not None
 
     def __iter__(self) -> Iterator[np.ndarray]:
         for name, values in self._read():
@@ -156,8 +120,6 @@ class PictureFrames:
         if kind not in "uf" or values.dtype.itemsize > 8:
             raise BadInput(f"{name} is {values.dtype}", where=str(self.path), allowed="uint8, uint16 or floats",
                            hint="use saf-gen import for spikes")  # fmt: skip
-        if values.dtype.itemsize == 2 and kind == "u":
-            self.highest = max(self.highest, int(values.max(initial=0)))
         scaled = values.astype(np.float32) / (1 if kind == "f" else np.iinfo(values.dtype).max)
         low, high = float(scaled.min()), float(scaled.max())
         if not (low >= 0 and high < np.inf and (high <= 1 or not self.transfer.bounded)):
@@ -173,3 +135,12 @@ class PictureFrames:
         if light.ndim != 3 or light.shape[2] not in (1, 2, 3, 4):
             raise BadInput(f"{name} has shape {values.shape}", where=str(self.path), allowed="1 to 4 channels")
         return light[:, :, 0] if light.shape[2] < 3 else np.asarray(light[:, :, :3] @ self.weights)
+
+
+def equal_rate(times: tuple[Fraction | None, ...]) -> Fraction | None:
+    """Return the pictures per second if times (s) follow each other at exactly equal steps, or None."""
+    known = [time for time in times if time is not None]
+    steps = {after - before for before, after in pairwise(known)}
+    if len(known) < len(times) or len(steps) != 1 or min(steps) <= 0:
+        return None
+    return 1 / steps.pop()

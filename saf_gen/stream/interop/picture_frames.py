@@ -3,22 +3,20 @@
 import os
 import re
 from collections.abc import Iterator
-from fractions import Fraction
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.interop.array_files import ENDINGS, SlicedArray, open_array
 from saf_gen.stream.interop.exr_frames import ExrFrames
 from saf_gen.stream.interop.image_pages import read_pages
-from saf_gen.stream.interop.linear_light import LUMINANCE, WIDE_LUMINANCE, PictureFrames
+from saf_gen.stream.interop.linear_light import ASK_TRANSFER, LINEAR, TRANSFERS, PictureFrames, Transfer
 from saf_gen.stream.interop.stack_positions import read_stack_positions
-from saf_gen.stream.interop.video_frames import VideoFrames, steady_rate
+from saf_gen.stream.interop.video_frames import VideoFrames
 
-IMAGES = frozenset({".png", ".apng", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".gif", ".pgm", ".ppm"})
+IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pbm", ".pgm", ".ppm"})
 EXR = ".exr"
 FEW_NAMES = 3
 """Names of pictures that are listed from each end of a folder."""
@@ -29,35 +27,26 @@ MIN_SIZE = 16
 class _ImageFiles(PictureFrames):
     """The pictures of a folder in the order of the numbers in their names, or of a single file, page after page."""
 
-    def __init__(self, path: Path, *, linear: bool) -> None:
+    def __init__(self, path: Path, *, transfer: Transfer | None) -> None:
         is_folder = path.is_dir()
         files = (p for p in path.iterdir() if p.suffix.lower() in IMAGES) if is_folder else [path]
         self._files = sorted(files, key=_number_sort_key)
         if not self._files:
             raise BadInput("has no picture", where=str(path), allowed=f"files {', '.join(sorted(IMAGES))}")
-        pages = read_pages(self._files[0], linear=linear)
-        first = next(pages)
-        super().__init__(path, linear=linear, shape=first.values.shape[:2])
-        self._linear, self._primaries = linear, first.primaries
-        self.transfer = first.transfer
-        self.weights = WIDE_LUMINANCE.get(first.primaries, LUMINANCE)
+        first, own = next(read_pages(self._files[0]))
+        super().__init__(path, transfer=transfer or own, shape=first.shape[:2])
+        self._must_state = transfer is None and own is not None
         self.order = _name_order(self._files) if is_folder else ""
         if not is_folder:
             self.positions = read_stack_positions(path)
-            seconds = [first.seconds, *(page.seconds for page in pages)]
-            if len(seconds) > 1 and any(seconds):
-                self.times = tuple(accumulate(seconds[:-1], initial=Fraction(0)))
-                self.rate_hz = steady_rate(self.times, tick=Fraction(0))
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         for file in self._files:
-            for number, page in enumerate(read_pages(file, linear=self._linear)):
-                if (page.transfer, page.primaries) != (self.transfer, self._primaries):
-                    raise BadInput(
-                        f"{file.name} has other tags of light and colour than the first picture", where=str(self.path),
-                        allowed=self.transfer.name, hint="convert them, or add --linear if the values are linear light",
-                    )  # fmt: skip
-                yield f"{file.name}{f', page {number + 1}' if number else ''}", page.values
+            for number, (values, own) in enumerate(read_pages(file)):
+                if self._must_state and own is not self.transfer:
+                    problem = f"{file.name} does not say how its values stand for light, as the first picture does"
+                    raise BadInput(problem, where=str(self.path), hint=ASK_TRANSFER)
+                yield f"{file.name}{f', page {number + 1}' if number else ''}", values
 
 
 def _name_order(files: list[Path]) -> str:
@@ -77,7 +66,7 @@ def _number_sort_key(path: Path) -> list[Any]:
 
 
 class _ArrayFrames(PictureFrames):
-    def __init__(self, path: Path, *, linear: bool, key: str | None) -> None:
+    def __init__(self, path: Path, *, transfer: Transfer | None, key: str | None) -> None:
         self._array: SlicedArray = open_array(path, key=key)
         shape = self._array.shape
         one_picture = len(shape) == 3 and shape[2] in (3, 4) and min(shape[:2]) >= MIN_SIZE
@@ -85,7 +74,7 @@ class _ArrayFrames(PictureFrames):
             axes = "(frames, rows, columns) or (frames, rows, columns, channels)"
             hint = "save one colour picture with a first axis of 1" if one_picture else ""
             raise BadInput(f"the array has shape {shape}", where=str(path), allowed=axes, hint=hint)
-        super().__init__(path, linear=linear, shape=shape[1:3])
+        super().__init__(path, transfer=transfer, shape=shape[1:3])
 
     def _read(self) -> Iterator[tuple[str, np.ndarray]]:
         for number in range(self._array.shape[0]):
@@ -109,18 +98,28 @@ def _list_exr(path: Path) -> list[Path]:
     return sorted(files, key=_number_sort_key) if EXR in found else []
 
 
-def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: str | None = None) -> PictureFrames:
+def open_pictures(
+    path: str | os.PathLike[str], *, linear: bool = False, transfer: str | None = None, key: str | None = None
+) -> PictureFrames:
     """Return the pictures in a folder of images, an image file with pages, or an array file; others are read as video.
 
-    ``linear`` states that the values are linear light already, as those of OpenEXR files always are. ``key`` names the
-    array in a file with several, or the layer of OpenEXR files.
+    ``linear`` states that the values are linear light, as those of OpenEXR files always are, and ``transfer`` that they
+    are ``srgb`` or ``bt709``, both whatever the file says. ``key`` names the array in a file with several, or the layer
+    of OpenEXR files.
 
     Raises BadInput if the path is missing, cannot be read, or holds no pictures.
     """
     where = Path(path)
+    if transfer is not None and transfer not in TRANSFERS:
+        raise unknown("transfer", transfer, allowed=TRANSFERS)
+    if linear and transfer is not None:
+        raise BadInput(f"--transfer {transfer} and --linear are given", where=str(path), allowed="one of them")
     if not where.exists():
         raise BadInput("there is no such file or folder", where=str(path))
+    stated = LINEAR if linear else TRANSFERS.get(transfer or "")
     if exr := _list_exr(where):
+        if transfer is not None:
+            raise BadInput(f"--transfer {transfer} is given for linear light", where=str(path), hint="leave it out")
         pictures = ExrFrames(where, exr, key=key)
         pictures.order = _name_order(exr) if where.is_dir() else ""
         return pictures
@@ -130,7 +129,7 @@ def open_pictures(path: str | os.PathLike[str], *, linear: bool = False, key: st
             where=str(path), hint="leave it out",
         )  # fmt: skip
     if where.is_dir() or where.suffix.lower() in IMAGES:
-        return _ImageFiles(where, linear=linear)
+        return _ImageFiles(where, transfer=stated)
     if where.suffix.lower() in ENDINGS:
-        return _ArrayFrames(where, linear=linear, key=key)
-    return VideoFrames(where, linear=linear)
+        return _ArrayFrames(where, transfer=stated, key=key)
+    return VideoFrames(where, transfer=stated)

@@ -1,20 +1,21 @@
-"""Polynomials fitted to the rays of a lens, and how far they are from the rays.
+"""Polynomials fitted to the rays of a lens, how far they are from the rays, and the file of both.
 
 Rays are traced from the sensor through the exit pupil to the scene, evenly over the aperture, the picture, the
 wavelengths and the sensor's distances. Coefficients are polynomials of the wavelength, in (λ0/λ)² - 1, because
 refractive indices are nearly linear in 1/λ². The residual is that of other rays than the fitted ones.
 """
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from saf_gen.addons.lens_files.prescription import Prescription
+from saf_gen.addons.lens_files.pupils import find_pupils
+from saf_gen.addons.lens_files.trace import Rays, trace_back
 from saf_gen.core import seeds
 from saf_gen.errors import BadInput
-from saf_gen.optics.fitted_rays import FittedRays, monomials, powers
-from saf_gen.optics.lens_file.prescription import Prescription
-from saf_gen.optics.lens_file.pupils import Pupils, find_pupils
-from saf_gen.optics.lens_file.trace import Rays, trace_back
+from saf_gen.optics.fitted_file import FittedLens
+from saf_gen.optics.fitted_rays import monomials, powers
 
 RAYS = 1000  # of each wavelength and distance
 WAVES, COLOUR_ORDER = 7, 3
@@ -22,10 +23,11 @@ DISTANCES = 5
 PUPIL_MARGIN = 1.3  # of the radius: pupils of the edge of the picture are shifted and deformed
 NEAREST = 10.0  # focal lengths: the default distance of the nearest object in focus
 DEGREES = (3, 5, 7, 9, 11, 13)
+MARK = "# A lens fitted by saf-gen lens fit"
+DIGITS = 10  # of a coefficient, of which the largest is about 1
 
 
-@dataclass(frozen=True)
-class Reach:
+class Reach(NamedTuple):
     """What the polynomials are to cover.
 
     Attributes
@@ -44,53 +46,6 @@ class Reach:
     height_mm: float
     nearest_mm: float
     waves_nm: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class LensFit:
-    """A fitted lens.
-
-    Attributes
-    ----------
-    pupils : Pupils
-        What the lens does near its axis, at the primary wavelength.
-    reach : Reach
-        What the polynomials cover.
-    primary_nm : float
-        Primary wavelength λ0, nm.
-    order : int
-        Order of the polynomials (:class:`saf_gen.optics.fitted_rays.FittedRays`).
-    starts, slopes : ndarray of float64, shape (colour, coefficient)
-        Coefficients of each power of (λ0/λ)² - 1.
-    rms_um, worst_um : float
-        Distance on the sensor, µm, between traced rays and fitted ones: root of the mean square, and the largest.
-    """
-
-    pupils: Pupils
-    reach: Reach
-    primary_nm: float
-    order: int
-    starts: np.ndarray
-    slopes: np.ndarray
-    rms_um: float = np.nan
-    worst_um: float = np.nan
-
-    def at(self, wave_nm: float) -> FittedRays:
-        """Return the polynomials at one wavelength (nm); raise BadInput outside those that were fitted."""
-        low, high = self.reach.waves_nm
-        if not low - 1e-6 <= wave_nm <= high + 1e-6:
-            raise BadInput(f"the lens is fitted for other light than {wave_nm:g} nm", allowed=f"{low:g} to {high:g} nm")
-        colour = ((self.primary_nm / wave_nm) ** 2 - 1) ** np.arange(len(self.starts))
-        return FittedRays(
-            focal_length_m=self.pupils.focal_length_mm / 1e3,
-            pupil_magnification=self.pupils.magnification,
-            radius_m=self.reach.radius_mm / 1e3,
-            height_m=self.reach.height_mm / 1e3,
-            slope=largest_slope(self.pupils, self.reach),
-            order=self.order,
-            starts=tuple(map(float, colour @ self.starts)),
-            slopes=tuple(map(float, colour @ self.slopes)),
-        )
 
 
 def find_reach(
@@ -125,52 +80,47 @@ def find_reach(
     return Reach(radius, height_mm or float(in_file), nearest_mm, waves_nm or (lens.waves_nm[0], lens.waves_nm[-1]))
 
 
-def largest_slope(pupils: Pupils, reach: Reach) -> float:
-    """Return the largest slope behind the lens less a/f, over the reach: the scale of the polynomials."""
-    near, far = image_distances(pupils, reach)[[-1, 0]]
-    return float(reach.height_mm / (pupils.magnification * far) + reach.radius_mm * (1 / far - 1 / near))
-
-
-def image_distances(pupils: Pupils, reach: Reach) -> np.ndarray:
+def image_distances(lens: FittedLens) -> np.ndarray:
     """Return V, mm, of the focus on five distances from infinity to the nearest, evenly in V."""
-    f = pupils.focal_length_mm
-    return np.linspace(f, 1 / (1 / f - 1 / (pupils.magnification * reach.nearest_mm)), DISTANCES)
+    return np.linspace(lens.focal_length_mm, lens.image_distance_mm(1e3 * lens.nearest_m), DISTANCES)
 
 
 def traced_rays(
-    lens: Prescription, pupils: Pupils, *, a: np.ndarray, x: np.ndarray, image_distance_mm: float, wave_nm: float
+    made: Prescription, lens: FittedLens, *, a: np.ndarray, x: np.ndarray, image_distance_mm: float, wave_nm: float
 ) -> Rays:
     """Return the rays in the plane of the entrance pupil, z towards the scene, of points (mm) of lens and sensor.
 
     ``a`` are points of the exit pupil divided by the pupils' magnification. Rays that do not pass the lens are nan.
     """
-    m = pupils.magnification
+    m = lens.pupil_magnification
     behind = Rays(m * a, (a - x / m) / image_distance_mm)
-    return trace_back(lens, behind.at(pupils.exit_mm), wavelength_nm=wave_nm)[0].at(-pupils.entrance_mm)
+    return trace_back(made, behind.at(lens.exit_pupil_mm), wavelength_nm=wave_nm)[0].at(-lens.entrance_pupil_mm)
 
 
-def sample_rays(reach: Reach, count: int, *, stream: str) -> tuple[np.ndarray, np.ndarray]:
+def sample_rays(lens: FittedLens, count: int, *, stream: str) -> tuple[np.ndarray, np.ndarray]:
     """Return random points a of the lens and x of the sensor, mm, float64 (2, ray); some are at the very edges."""
     generator = seeds.make_generator("lens fit", stream)
     points = []
-    for radius in (reach.radius_mm, reach.height_mm):
+    for radius in (lens.radius_mm, lens.height_mm):
         angle = 2 * np.pi * generator.random(count)
         r = radius * np.minimum(np.sqrt(1.15 * generator.random(count)), 1)
         points.append(r * np.stack([np.cos(angle), np.sin(angle)]))
     return points[0], points[1]
 
 
-def fit_lens(lens: Prescription, reach: Reach, *, degree: int = 9) -> LensFit:
-    """Fit polynomials to the rays of a lens.
+def fit_lens(made: Prescription, reach: Reach, *, degree: int = 9, source: str = "", made_with: str = "") -> FittedLens:
+    """Return the lens whose polynomials are fitted to the rays through the surfaces of a prescription.
 
     Parameters
     ----------
-    lens : Prescription
+    made : Prescription
         Surfaces of the lens.
     reach : Reach
         What the polynomials are to cover.
     degree : int, default 9
         Degree in which rays are polynomials of the points of lens and sensor: odd, 3 to 13.
+    source, made_with : str, default ""
+        Name of the lens file, and the command, for the file of the fitted lens.
 
     Raises
     ------
@@ -181,58 +131,73 @@ def fit_lens(lens: Prescription, reach: Reach, *, degree: int = 9) -> LensFit:
         raise BadInput(
             f"--degree is {degree}", allowed=f"one of {', '.join(map(str, DEGREES))}: round lenses have no other"
         )
-    order, pupils = (degree - 1) // 2, find_pupils(lens, lens.primary_nm)
+    order, pupils = (degree - 1) // 2, find_pupils(made, made.primary_nm)
     low, high = reach.waves_nm
     waves = np.unique(np.round(1 / np.sqrt(np.linspace(1 / high**2, 1 / low**2, WAVES)), 9))
     colours = min(COLOUR_ORDER, waves.size - 1) + 1
-    nothing = np.zeros((colours, 2 * len(monomials(order))))
-    fit = LensFit(pupils, reach, lens.primary_nm, order, nothing, nothing)
-    f, m = pupils.focal_length_mm, pupils.magnification
-    a, x = sample_rays(reach, RAYS, stream="fitted")
-    distances, scale = image_distances(pupils, reach), largest_slope(pupils, reach)
+    nothing = ((0.0,) * (2 * len(monomials(order))),) * colours
+    lens = FittedLens(
+        name=made.name,
+        source=source,
+        made_with=made_with,
+        notes=made.notes,
+        focal_length_mm=pupils.focal_length_mm,
+        pupil_magnification=pupils.magnification,
+        entrance_pupil_mm=pupils.entrance_mm,
+        exit_pupil_mm=pupils.exit_mm,
+        f_number=pupils.focal_length_mm / (2 * reach.radius_mm),
+        height_mm=reach.height_mm,
+        nearest_m=reach.nearest_mm / 1e3,
+        waves_nm=reach.waves_nm,
+        primary_nm=made.primary_nm,
+        rms_um=0.0,
+        worst_um=0.0,
+        degree=degree,
+        starts=nothing,
+        slopes=nothing,
+    )
+    f, m, radius, scale = lens.focal_length_mm, lens.pupil_magnification, lens.radius_mm, lens.largest_slope
+    a, x = sample_rays(lens, RAYS, stream="fitted")
     by_wave: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for wave in waves:
         columns, starts, slopes = [], [], []
-        for v in distances:
-            rays = traced_rays(lens, pupils, a=a, x=x, image_distance_mm=v, wave_nm=float(wave))
-            _check_pass(rays, lens, reach=reach, a=a, x=x)
+        for v in image_distances(lens):
+            rays = traced_rays(made, lens, a=a, x=x, image_distance_mm=v, wave_nm=float(wave))
+            _check_pass(rays, lens, a=a, x=x)
             slope = (a - x / m) / v
-            alpha, beta = a / reach.radius_mm, (slope - a / f) / scale
-            terms = np.stack(
-                [
-                    np.broadcast_to(term, RAYS)
-                    for term in powers(order, ((alpha**2).sum(0), (alpha * beta).sum(0), (beta**2).sum(0)))
-                ]
-            )
+            alpha, beta = a / radius, (slope - a / f) / scale
+            invariants = (alpha**2).sum(0), (alpha * beta).sum(0), (beta**2).sum(0)
+            terms = np.stack([np.broadcast_to(term, RAYS) for term in powers(order, invariants)])
             columns.append(np.concatenate([np.concatenate([terms * alpha[n], terms * beta[n]]).T for n in (0, 1)]))
-            starts.append(((rays.place - a) / reach.radius_mm).ravel())
+            starts.append(((rays.place - a) / radius).ravel())
             slopes.append(((rays.slope - m * (slope - a / f)) / scale).ravel())
-        matrix = np.concatenate(columns)
         both = np.stack([np.concatenate(starts), np.concatenate(slopes)], axis=1)
-        solution = np.linalg.lstsq(matrix, both, rcond=1e-13)[0]
+        solution = np.linalg.lstsq(np.concatenate(columns), both, rcond=1e-13)[0]
         for found, values in zip(by_wave, solution.T, strict=True):
             found.append(values)
-    colour = ((lens.primary_nm / waves) ** 2 - 1)[:, None] ** np.arange(colours)
-    solved = [np.linalg.lstsq(colour, np.stack(found), rcond=None)[0] for found in by_wave]
-    fit = replace(fit, starts=solved[0], slopes=solved[1])
-    off = residuals_um(fit, lens)
-    return replace(fit, rms_um=float(np.sqrt((off**2).mean())), worst_um=float(off.max()))
+    colour = ((made.primary_nm / waves) ** 2 - 1)[:, None] ** np.arange(colours)
+    solved = [np.linalg.lstsq(colour, np.stack(found), rcond=None)[0].tolist() for found in by_wave]
+    starts_of, slopes_of = (tuple(map(tuple, rows)) for rows in solved)
+    lens = lens.model_copy(update={"starts": starts_of, "slopes": slopes_of})
+    off = residuals_um(lens, made)
+    errors = {"rms_um": float(np.sqrt((off**2).mean())), "worst_um": float(off.max())}
+    return lens.model_copy(update={**errors, "relative_illumination": relative_illumination(lens, made)})
 
 
-def residuals_um(fit: LensFit, lens: Prescription, *, count: int = 2000) -> np.ndarray:
+def residuals_um(lens: FittedLens, made: Prescription, *, count: int = 2000) -> np.ndarray:
     """Return how far fitted rays are from traced ones, µm on the sensor, float64 (wave, distance, ray).
 
     A ray is off by the distance between both in the plane in focus, divided by the size of a micrometre of the picture
     there. Wavelengths lie between those that were fitted.
     """
-    low, high = fit.reach.waves_nm
-    a, x = sample_rays(fit.reach, count, stream="compared")
-    m, f = fit.pupils.magnification, fit.pupils.focal_length_mm
+    low, high = lens.waves_nm
+    a, x = sample_rays(lens, count, stream="compared")
+    m, f = lens.pupil_magnification, lens.focal_length_mm
     found = []
     for wave in np.linspace(low, high, 4):
-        rays = fit.at(float(wave))
-        for v in image_distances(fit.pupils, fit.reach):
-            traced = traced_rays(lens, fit.pupils, a=a, x=x, image_distance_mm=v, wave_nm=float(wave))
+        rays = lens.rays_at(float(wave))
+        for v in image_distances(lens):
+            traced = traced_rays(made, lens, a=a, x=x, image_distance_mm=v, wave_nm=float(wave))
             moved, turned = rays.turn(tuple(a / 1e3), tuple(x / 1e3), image_distance_m=v / 1e3)
             place = traced.place - a - 1e3 * np.stack(moved)
             slope = traced.slope - m * ((a - x / m) / v - a / f) - np.stack(turned)
@@ -241,31 +206,52 @@ def residuals_um(fit: LensFit, lens: Prescription, *, count: int = 2000) -> np.n
     return np.stack(found).reshape(4, DISTANCES, count)
 
 
-def relative_illumination(lens: Prescription, fit: LensFit, *, heights: int = 9) -> tuple[tuple[float, float], ...]:
+def relative_illumination(lens: FittedLens, made: Prescription, *, heights: int = 9) -> tuple[tuple[float, float], ...]:
     """Return image heights (mm) and the light there relative to the middle, with the sensor in focus at infinity.
 
     Light comes through all of the exit pupil whose rays pass the stop and the clear parts of all surfaces, weakened by
     the fourth power of the cosine of their angle to the axis.
     """
-    pupils, r = fit.pupils, fit.reach.radius_mm
-    m, f = pupils.magnification, pupils.focal_length_mm
-    limits = np.array([one.semi_diameter_mm for one in lens.surfaces])
-    limits[lens.stop] = r * abs(find_pupils(lens, lens.primary_nm).stop_scale)
+    m, f, r = lens.pupil_magnification, lens.focal_length_mm, lens.radius_mm
+    limits = np.array([one.semi_diameter_mm for one in made.surfaces])
+    limits[made.stop] = r * abs(find_pupils(made, made.primary_nm).stop_scale)
     across = np.linspace(-PUPIL_MARGIN, PUPIL_MARGIN, 101) * r
     a, found = np.stack(np.meshgrid(across, across)).reshape(2, -1), []
-    for height in np.linspace(0, fit.reach.height_mm, heights):
+    for height in np.linspace(0, lens.height_mm, heights):
         behind = Rays(m * a, (a - np.array([[0.0], [height]]) / m) / f)
-        rays, met = trace_back(lens, behind.at(pupils.exit_mm), wavelength_nm=lens.primary_nm)
+        rays, met = trace_back(made, behind.at(lens.exit_pupil_mm), wavelength_nm=made.primary_nm)
         with np.errstate(invalid="ignore"):
             passes = (met <= limits[:, None] * (1 + 1e-9)).all(axis=0) & np.isfinite(rays.place[0])
         found.append((float(height), float((passes / (1 + (behind.slope**2).sum(axis=0)) ** 2).sum())))
     return tuple((height, light / found[0][1]) for height, light in found)
 
 
-def _check_pass(rays: Rays, lens: Prescription, *, reach: Reach, a: np.ndarray, x: np.ndarray) -> None:
+def fitted_text(lens: FittedLens) -> str:
+    """Return the text of the file of a fitted lens."""
+    lines = [f"{MARK}: {lens.made_with}"]
+    for key, value in lens.model_dump().items():
+        if key in ("starts", "slopes"):
+            rows = [", ".join(f"{number:.{DIGITS}g}" for number in row) for row in value]
+            lines += [f"{key}:", *(f"- [{row}]" for row in rows)]
+        elif key == "relative_illumination":
+            lines.append(f"{key}: [{', '.join(f'[{h:.4g}, {part:.4g}]' for h, part in value)}]")
+        elif isinstance(value, tuple):
+            lines.append(f"{key}: [{', '.join(map(_plain, value))}]")
+        else:
+            lines.append(f"{key}: {_plain(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _check_pass(rays: Rays, lens: FittedLens, *, a: np.ndarray, x: np.ndarray) -> None:
     lost = ~np.isfinite(rays.place[0] + rays.slope[0])
     if lost.any():
-        share = np.hypot(*a[:, lost]).min() / reach.radius_mm
+        share = np.hypot(*a[:, lost]).min() / lens.radius_mm
         height = np.hypot(*x[:, lost]).min()
         raise BadInput(
             f"{lens.name}: {lost.mean():.1%} of the rays do not pass, from {share:.0%} of the aperture's radius and "

@@ -7,10 +7,10 @@ import pytest
 from refusals import refusal
 from written_scenes import load_setup, needs_llvm, render_stack_once, write_scene
 
+from saf_gen.addons.lens_files.reading import LENSES, read_prescription
+from saf_gen.addons.lens_files.trace import Rays, trace_back
 from saf_gen.optics import FittedLensDrive
-from saf_gen.optics.lens_file.fitted_file import SHIPPED, read_lens
-from saf_gen.optics.lens_file.reading import read_prescription
-from saf_gen.optics.lens_file.trace import Rays, trace_back
+from saf_gen.optics.fitted_file import read_lens
 from saf_gen.render.camera_rays import cast_rays
 from saf_gen.render.depth_and_target import trace_depth_at
 from saf_gen.render.render_setup import SensorGrid
@@ -38,10 +38,10 @@ def edge_setup(folder, monkeypatch, *, edge_m=EDGE_M, grid=GRID):
 
 def traced(drive, a, x, *, position):
     """Rays in the plane of the entrance pupil (m), traced through the surfaces of the double Gauss."""
-    lens, pupils = read_prescription(SHIPPED / "double_gauss.zmx"), read_lens("double_gauss").fit.pupils
+    made, lens = read_prescription(LENSES / "double_gauss.zmx"), read_lens("double_gauss")
     m, v = drive.pupil_magnification, float(drive.image_distance(position))
-    behind = Rays(1e3 * m * a, (a - x / m) / v).at(pupils.exit_mm)
-    rays = trace_back(lens, behind, wavelength_nm=NM)[0].at(-pupils.entrance_mm)
+    behind = Rays(1e3 * m * a, (a - x / m) / v).at(lens.exit_pupil_mm)
+    rays = trace_back(made, behind, wavelength_nm=NM)[0].at(-lens.entrance_pupil_mm)
     return Rays(rays.place / 1e3, rays.slope)
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saf_gen.addons.lens_files.glass import AIR, Glass
 from saf_gen.errors import BadInput
-from saf_gen.optics.lens_file.glass import AIR, Glass
 
 MAX_SURFACES = 100
 

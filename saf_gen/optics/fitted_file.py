@@ -1,7 +1,5 @@
 """Files of fitted lenses (YAML), by name if saf_gen brings them and else by path: what ``lens fit`` writes."""
 
-import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,14 +11,9 @@ from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.errors import BadInput, unknown
 from saf_gen.optics.fitted_rays import FittedRays, monomials
-from saf_gen.optics.lens_file.fit import LensFit, Reach, relative_illumination
-from saf_gen.optics.lens_file.prescription import Prescription
-from saf_gen.optics.lens_file.pupils import Pupils
 
-SHIPPED = Path(__file__).parents[1] / "lenses"
-MARK = "# A lens fitted by saf-gen lens fit"
+SHIPPED = Path(__file__).parent / "lenses"
 MAX_FILE_BYTES = 1 << 20
-DIGITS = 10  # of a coefficient, of which the largest is about 1
 
 Positive = Annotated[float, Field(gt=0)]
 
@@ -79,23 +72,40 @@ class FittedLens(FrozenModel):
         return self
 
     @property
-    def fit(self) -> LensFit:
-        """The fitted lens as values."""
-        pupils = Pupils(
-            self.focal_length_mm, self.entrance_pupil_mm, self.exit_pupil_mm, self.pupil_magnification, np.nan
-        )
-        reach = Reach(self.focal_length_mm / (2 * self.f_number), self.height_mm, 1e3 * self.nearest_m, self.waves_nm)
-        order = (self.degree - 1) // 2
-        numbers = np.array(self.starts), np.array(self.slopes)
-        return LensFit(pupils, reach, self.primary_nm, order, *numbers, self.rms_um, self.worst_um)
+    def radius_mm(self) -> float:
+        """Radius of the entrance pupil within which the polynomials hold, mm."""
+        return self.focal_length_mm / (2 * self.f_number)
+
+    def image_distance_mm(self, object_mm: float) -> float:
+        """Return V, mm, that brings objects at this distance (mm) from the entrance pupil into focus."""
+        return 1 / (1 / self.focal_length_mm - 1 / (self.pupil_magnification * object_mm))
+
+    @property
+    def largest_slope(self) -> float:
+        """The largest slope behind the lens less a/f for which the polynomials hold: their scale."""
+        far, near = self.focal_length_mm, self.image_distance_mm(1e3 * self.nearest_m)
+        return self.height_mm / (self.pupil_magnification * far) + self.radius_mm * (1 / far - 1 / near)
 
     def rays_at(self, wave_nm: float | None = None) -> FittedRays:
         """Return the polynomials at one wavelength (nm), by default the primary one.
 
         They know how far they are from the rays of the lens. Raises BadInput outside the fitted wavelengths.
         """
-        fit = self.fit
-        return replace(fit.at(wave_nm or fit.primary_nm), residual_m=self.worst_um * 1e-6)
+        wave_nm, (low, high) = wave_nm or self.primary_nm, self.waves_nm
+        if not low - 1e-6 <= wave_nm <= high + 1e-6:
+            raise BadInput(f"the lens is fitted for other light than {wave_nm:g} nm", allowed=f"{low:g} to {high:g} nm")
+        colour = ((self.primary_nm / wave_nm) ** 2 - 1) ** np.arange(len(self.starts))
+        return FittedRays(
+            focal_length_m=self.focal_length_mm / 1e3,
+            pupil_magnification=self.pupil_magnification,
+            radius_m=self.radius_mm / 1e3,
+            height_m=self.height_mm / 1e3,
+            slope=self.largest_slope,
+            order=(self.degree - 1) // 2,
+            starts=tuple(map(float, colour @ np.array(self.starts))),
+            slopes=tuple(map(float, colour @ np.array(self.slopes))),
+            residual_m=self.worst_um * 1e-6,
+        )
 
 
 def shipped_lenses() -> list[str]:
@@ -131,53 +141,6 @@ def read_lens(name: str | Path, *, folder: Path | None = None) -> FittedLens:
         raise unknown("lens", str(name), allowed=names, hint="or give the .yaml file that saf-gen lens fit wrote")
     document = parse_yaml(read_text(path, max_bytes=MAX_FILE_BYTES), path)
     return validate_document(FittedLens, document)
-
-
-def fitted_lens(lens: Prescription, fit: LensFit, *, source: str, options: str = "") -> FittedLens:
-    """Return the file of a fit; ``source`` names the lens file, and ``options`` are those of the command."""
-    return FittedLens(
-        name=lens.name,
-        source=source,
-        made_with=" ".join(f"saf-gen lens fit {shlex.quote(source)} {options}".split()),
-        notes=lens.notes,
-        focal_length_mm=fit.pupils.focal_length_mm,
-        pupil_magnification=fit.pupils.magnification,
-        entrance_pupil_mm=fit.pupils.entrance_mm,
-        exit_pupil_mm=fit.pupils.exit_mm,
-        f_number=fit.pupils.focal_length_mm / (2 * fit.reach.radius_mm),
-        height_mm=fit.reach.height_mm,
-        nearest_m=fit.reach.nearest_mm / 1e3,
-        waves_nm=fit.reach.waves_nm,
-        primary_nm=fit.primary_nm,
-        rms_um=fit.rms_um,
-        worst_um=fit.worst_um,
-        relative_illumination=relative_illumination(lens, fit),
-        degree=2 * fit.order + 1,
-        starts=tuple(tuple(map(float, row)) for row in fit.starts),
-        slopes=tuple(tuple(map(float, row)) for row in fit.slopes),
-    )
-
-
-def fitted_text(lens: FittedLens) -> str:
-    """Return the text of the file of a fitted lens."""
-    lines = [f"{MARK}: {lens.made_with}"]
-    for key, value in lens.model_dump().items():
-        if key in ("starts", "slopes"):
-            rows = [", ".join(f"{number:.{DIGITS}g}" for number in row) for row in value]
-            lines += [f"{key}:", *(f"- [{row}]" for row in rows)]
-        elif key == "relative_illumination":
-            lines.append(f"{key}: [{', '.join(f'[{h:.4g}, {part:.4g}]' for h, part in value)}]")
-        elif isinstance(value, tuple):
-            lines.append(f"{key}: [{', '.join(map(_plain, value))}]")
-        else:
-            lines.append(f"{key}: {_plain(value)}")
-    return "\n".join(lines) + "\n"
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def check_reach(lens: FittedLens, *, f_number: float, focus_range_m: tuple[float, float]) -> None:

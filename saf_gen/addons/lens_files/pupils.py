@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saf_gen.addons.lens_files.prescription import Prescription
 from saf_gen.errors import BadInput
-from saf_gen.optics.lens_file.prescription import Prescription
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saf_gen.optics.lens_file.prescription import Prescription, Surface
+from saf_gen.addons.lens_files.prescription import Prescription, Surface
 
 STEPS, CLOSE_MM = 40, 1e-11  # of Newton's method, which finds where a ray meets an asphere
 

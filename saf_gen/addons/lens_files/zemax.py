@@ -1,22 +1,34 @@
-"""Reader of Zemax lens files (.zmx), of lenses of rotation in sequence; what it does not know it refuses or tells.
+"""Reader of Zemax lens files (.zmx): lenses of rotation in sequence. A record that is not listed here is refused.
 
-A file is a list of lines, each a word and its values, that belong to the system or to the surface that the last
-``SURF`` began. Surface 0 is the object, the last one the image.
+A file is a list of records, each a word and its values. Those of the system stand at the beginning of a line, those of
+the surface that the last ``SURF`` began are indented. Surface 0 is the object, the last one the image.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from saf_gen.addons.lens_files.glass import AIR, Glass, find_glass, model_glass
+from saf_gen.addons.lens_files.prescription import Prescription, Surface
 from saf_gen.errors import BadInput
-from saf_gen.optics.lens_file.glass import AIR, Glass, find_glass, model_glass
-from saf_gen.optics.lens_file.prescription import Prescription, Surface
 
-UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
+UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0}
 BLANK_GLASS = "___BLANK"
 SHAPES = ("STANDARD", "EVENASPH")
 POWERS = 8
-CUTS = ("CLAP", "FLAP", "OBSC", "SQAP", "SQOB", "ELAP", "ELOB", "UDAD", "SPID")
+FIELDS = {0: "angle", 2: "image", 3: "image"}
+SYSTEM = (
+    *("MODE", "NAME", "UNIT", "ENPD", "FNUM", "FLOA", "OBNA", "FTYP", "XFLN", "YFLN", "PWAV", "WAVM"),  # read here
+    # Versions, notes, coatings, colours of the drawing, ways of search, polarisation, and weights of fields:
+    *("VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "GCAT", "RAIM", "PUSH", "SDMA", "OMMA", "ROPD", "HYPR", "PICB"),
+    *("FWGN", "VDXN", "VDYN", "VCXN", "VCYN", "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "AUTH", "DBDT", "RCMF"),
+)
+SURFACE = (
+    *("TYPE", "CURV", "DISZ", "GLAS", "CONI", "PARM", "DIAM", "STOP"),  # read here
+    # Comments, coatings, drawing, and solves and pickups, of which the file states the results:
+    *("COMM", "COAT", "FIMP", "HIDE", "MIRR", "SLAB", "POPS", "MEMA", "OEMA", "MAZH", "PZUP", "PPAR", "VDSZ", "VPAR"),
+    *("CLAP", "FLAP"),  # told
+)
 
 
 @dataclass
@@ -36,8 +48,8 @@ def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str
     Raises
     ------
     BadInput
-        If it is damaged, or has what is no lens of rotation in sequence: mirrors, tilts, other surfaces than spheres,
-        conics and even aspheres, a glass of unknown name.
+        If it is damaged, has an unknown record, or is no lens of rotation in sequence: mirrors, tilts, other surfaces
+        than spheres, conics and even aspheres, a glass of unknown name, several configurations.
     """
     lines = _split(text, where)
     mode = lines.system.get("MODE", ["SEQ"])[0]
@@ -61,22 +73,19 @@ def read_zemax(text: str, *, where: str, glasses: Mapping[str, Glass], name: str
         raise BadInput(
             f"{where}: {len(stops)} surfaces are the stop", allowed="one surface with STOP between object and image"
         )
-    if cut := [n for n, found in middle if set(found) & set(CUTS)]:
+    if cut := [n for n, found in middle if {"CLAP", "FLAP"} & set(found)]:
         notes.append(f"apertures of surfaces {', '.join(map(str, cut))} are not used: the stop alone bounds the light")
-    if int(_number(lines, lines.system.get("MNUM", ["1"]))) > 1:
-        notes.append("the file has several configurations: read is the one that it shows")
     object_mm = _thickness(lines, 0)
     if math.isfinite(object_mm):
         notes.append(
             f"the file's object is {object_mm * mm:g} mm in front of the lens: a card states its own distances"
         )
     waves, primary = _waves(lines)
-    stop_mm = surfaces[stops[0]].semi_diameter_mm
     return Prescription(
         name=" ".join(lines.system.get("NAME", [])) or name,
         surfaces=tuple(surfaces),
         stop=stops[0],
-        aperture=_aperture(lines, mm, stop_mm=stop_mm),
+        aperture=_aperture(lines, mm, stop_mm=surfaces[stops[0]].semi_diameter_mm),
         field=_field(lines, mm),
         waves_nm=waves,
         primary_nm=primary,
@@ -97,28 +106,32 @@ def _check_image(lines: _Lines) -> None:
 
 def _split(text: str, where: str) -> _Lines:
     lines = _Lines(where)
-    for line in text.splitlines():
+    for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
         if not words:
             continue
-        word, values = words[0].upper(), words[1:]
+        word, values, inside = words[0], words[1:], line[:1].isspace() and bool(lines.surfaces)
         if word == "SURF":
             lines.surfaces.append({})
             lines.parameters.append({})
-        elif word in ("WAVM", "WAVL"):
-            numbers = [_number(lines, values, at=n) for n in range(len(values))]
-            if word == "WAVM" and len(numbers) > 1:
-                lines.waves[int(numbers[0])] = numbers[1]
-            elif word == "WAVL":
-                lines.waves |= dict(enumerate(numbers, start=1))
-        elif not line[:1].isspace() or not lines.surfaces:  # of the system, also after the surfaces
-            lines.system.setdefault(word, values)
-            if lines.surfaces and word in ("TYPE", "CURV", "DISZ", "GLAS", "CONI", "STOP", "DIAM"):
-                lines.surfaces[-1][word] = values
-        elif word == "PARM" and len(values) > 1:
+        elif word == "MNUM":
+            if _number(lines, values) > 1:
+                raise BadInput(f"{where} has {values[0]} configurations", allowed="one: save it without the others")
+        elif lines.surfaces and not inside and word not in (*SYSTEM, *SURFACE):
+            continue  # tolerances and merit function, which stand behind the surfaces
+        elif word not in (SURFACE if inside else SYSTEM):
+            raise BadInput(
+                f"the record {word[:20]!r} is not known here",
+                where=f"{where}:{number}",
+                allowed=", ".join(SURFACE if inside else SYSTEM),
+                hint="if it changes no ray, delete its line from a copy",
+            )
+        elif word == "WAVM":
+            lines.waves[int(_number(lines, values))] = _number(lines, values, at=1)
+        elif word == "PARM":
             lines.parameters[-1][int(_number(lines, values))] = _number(lines, values, at=1)
         else:
-            lines.surfaces[-1][word] = values
+            (lines.surfaces[-1] if inside else lines.system)[word] = values
     return lines
 
 
@@ -140,15 +153,10 @@ def _thickness(lines: _Lines, n: int) -> float:
 
 def _surface(lines: _Lines, n: int, *, mm: float, glasses: Mapping[str, Glass]) -> Surface:
     found, at = lines.surfaces[n], f"{lines.where}: surface {n}"
-    shape = (found.get("TYPE") or ["STANDARD"])[0].upper()
-    glass = (found.get("GLAS") or [""])[0]
-    if shape == "COORDBRK":
-        raise BadInput(f"{at} is a coordinate break", allowed="a lens whose surfaces share one axis")
-    if glass.upper() == "MIRROR":
-        raise BadInput(f"{at} is a mirror", allowed="surfaces that refract")
+    shape = (found.get("TYPE") or ["STANDARD"])[0]
     if shape not in SHAPES:
-        raise BadInput(f"{at} is of type {shape}", allowed="STANDARD (spheres and conics) or EVENASPH")
-    if "CURV" not in found and n > 0:
+        raise BadInput(f"{at} is of type {shape}", allowed="STANDARD (spheres and conics) or EVENASPH, on one axis")
+    if "CURV" not in found:
         raise BadInput(f"{at} has no CURV", allowed="a curvature for each surface", hint="is the file complete?")
     parameters = lines.parameters[n] if shape == "EVENASPH" else {}
     if beyond := [k for k, value in parameters.items() if value and not 1 <= k <= POWERS]:
@@ -160,7 +168,7 @@ def _surface(lines: _Lines, n: int, *, mm: float, glasses: Mapping[str, Glass]) 
         coefficients.pop()
     diameter = _number(lines, found["DIAM"]) * mm if "DIAM" in found else math.inf
     return Surface(
-        curvature=_number(lines, found.get("CURV", ["0"])) / mm,
+        curvature=_number(lines, found["CURV"]) / mm,
         thickness_mm=_thickness(lines, n) * mm,
         glass=_glass(lines, found, at=at, glasses=glasses),
         conic=_number(lines, found.get("CONI", ["0"])),
@@ -173,26 +181,29 @@ def _glass(lines: _Lines, found: dict[str, list[str]], *, at: str, glasses: Mapp
     values = found.get("GLAS")
     if not values:
         return AIR
+    if values[0].upper() == "MIRROR":
+        raise BadInput(f"{at} is a mirror", allowed="surfaces that refract")
     if values[0].upper() != BLANK_GLASS:
         return find_glass(values[0], glasses, where=at)
     return model_glass(_number(lines, values, at=3), _number(lines, values, at=4))
 
 
+def _count(lines: _Lines, at: int, *, what: str) -> int:
+    """Return a number of FTYP: how many fields or wavelengths there are; newer files list further ones, not in use."""
+    values = lines.system.get("FTYP", [])
+    if len(values) <= at:
+        raise BadInput(f"{lines.where} does not say how many {what} it has", allowed="FTYP with at least four numbers")
+    return int(_number(lines, values, at=at))
+
+
 def _waves(lines: _Lines) -> tuple[tuple[float, ...], float]:
-    numbers = lines.waves
-    # Files of newer versions list 24 wavelengths, of which unused ones repeat 0.55 at the end.
-    count = max(numbers, default=0)
-    while count > 1 and numbers.get(count) == 0.55 and numbers.get(count - 1) == 0.55:
-        count -= 1
-    used = [numbers[k] for k in range(1, count + 1) if k in numbers]
-    if len(used) > 1 and count > 3 and used[-1] == 0.55:
-        used.pop()
-    if not used:
-        raise BadInput(f"{lines.where} has no wavelengths", allowed="WAVM or WAVL", hint="is the file complete?")
+    numbers = range(1, _count(lines, 3, what="wavelengths") + 1)
+    if missing := [n for n in numbers if n not in lines.waves] or ([] if numbers else [1]):
+        raise BadInput(f"{lines.where} has no wavelength {missing[0]}", allowed="WAVM for each that FTYP counts")
     primary = int(_number(lines, lines.system.get("PWAV", ["1"])))
     if primary not in numbers:
-        raise BadInput(f"{lines.where}: the primary wavelength is number {primary}", allowed=f"1 to {len(used)}")
-    return tuple(sorted({round(1e3 * wave, 6) for wave in used})), 1e3 * numbers[primary]
+        raise BadInput(f"{lines.where}: the primary wavelength is number {primary}", allowed=f"1 to {len(numbers)}")
+    return tuple(sorted({round(1e3 * lines.waves[n], 6) for n in numbers})), round(1e3 * lines.waves[primary], 6)
 
 
 def _aperture(lines: _Lines, mm: float, *, stop_mm: float) -> tuple[str, float]:
@@ -207,14 +218,10 @@ def _aperture(lines: _Lines, mm: float, *, stop_mm: float) -> tuple[str, float]:
 
 
 def _field(lines: _Lines, mm: float) -> tuple[str, float]:
-    kind = int(_number(lines, lines.system.get("FTYP", ["0"])))
-    heights = []
-    for axis in "XY":
-        values = lines.system.get(f"{axis}FLN") or lines.system.get(f"{axis}FLD") or []
-        heights.append([abs(_number(lines, values, at=n)) for n in range(len(values))])
-    count = max(map(len, heights), default=0)
-    x, y = ([*values, *[0.0] * (count - len(values))] for values in heights)
+    kind, count = _count(lines, 0, what="kinds of field"), _count(lines, 2, what="fields")
+    listed = [lines.system.get(word, ["0"] * count) for word in ("XFLN", "YFLN")]
+    x, y = ([_number(lines, values, at=n) for n in range(count)] for values in listed)
     largest = max(map(math.hypot, x, y), default=0.0)
-    if kind == 1 or not largest:
+    if kind not in FIELDS or not largest:
         return "angle", 0.0  # the file does not say: heights of objects mean nothing without their distance
-    return ("angle", largest) if kind == 0 else ("image", largest * mm)
+    return ("angle", largest) if FIELDS[kind] == "angle" else ("image", largest * mm)

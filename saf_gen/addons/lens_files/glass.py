@@ -19,17 +19,6 @@ from saf_gen.errors import BadInput, closest
 
 D_UM, F_UM, C_UM = 0.5875618, 0.4861327, 0.6562725  # the lines of helium and hydrogen that define Abbe's number
 CATALOGUE = Path(__file__).parent / "glasses.csv"
-PLASTICS = {
-    "PMMA": (1.4918, 57.44),
-    "COC": (1.5337, 56.22),
-    "POLYCARB": (1.5855, 29.91),
-    "PC": (1.5855, 29.91),
-    "POLYSTYR": (1.5904, 30.87),
-    "PS": (1.5904, 30.87),
-    "OKP4": (1.6328, 23.34),
-    "OKP4HT": (1.6328, 23.34),
-}
-"""Index and Abbe number of plastics, by the names that lens files use."""
 USUAL_INDEX, USUAL_ABBE = (1.2, 2.6), (10.0, 120.0)
 
 
@@ -104,33 +93,23 @@ def catalogue() -> dict[str, Glass]:
 
 
 def find_glass(name: str, more: Mapping[str, Glass], *, where: str) -> Glass:
-    """Return the glass of this name: of ``more``, by names in capitals, of the catalogue, or of the plastics.
-
-    A name such as ``1.6200/36.4`` is an index and an Abbe number.
+    """Return the glass of this name, of ``more`` (by names in capitals) or of the catalogue.
 
     Raises
     ------
     BadInput
-        If the name is unknown, with the nearest names and how to state the glass.
+        If the name is unknown, with the nearest name and how to state the glass.
     """
     key = name.strip().upper()
     for table in (more, catalogue()):
         if key in table:
             return table[key]
-    if key in PLASTICS:
-        return model_glass(*PLASTICS[key], name=key)
-    index, _, abbe = key.partition("/")
-    try:
-        numbers = float(index), float(abbe)
-    except ValueError:
-        near = closest(key, [*more, *catalogue(), *PLASTICS])
-        raise BadInput(
-            f"{where} is of the unknown glass {name!r}",
-            allowed=f"one of {len(catalogue()) + len(PLASTICS)} glasses of Schott and Ohara or plastics, or INDEX/ABBE",
-            nearest=near,
-            hint=f"state it, --glass {name}=INDEX/ABBE, or give its maker's catalogue, --catalogue FILE.agf",
-        ) from None
-    return model_glass(*numbers, name=name.strip())
+    raise BadInput(
+        f"{where} is of the unknown glass {name!r}",
+        allowed=f"one of {len(catalogue())} glasses of Schott and Ohara",
+        nearest=closest(key, [*more, *catalogue()]),
+        hint=f"state it, --glass {name}=INDEX/ABBE, or give its maker's catalogue, --catalogue FILE.agf",
+    )
 
 
 def read_agf(text: str, *, where: str) -> dict[str, Glass]:

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from saf_gen.core.figure_style import COLOURS, STYLE, hide_spines, use_plot_style
 from saf_gen.core.files import atomic_file
+from saf_gen.optics.fitted_file import FittedLens
 from saf_gen.optics.fitted_rays import FittedRays, SeenWavefront
-from saf_gen.optics.lens_file.fitted_file import FittedLens
 from saf_gen.optics.texture_contrast import lens_points
 
 HEIGHTS = (0.0, 0.7, 1.0)  # of the spots, as parts of the fitted height

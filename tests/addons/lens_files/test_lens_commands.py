@@ -1,11 +1,11 @@
 """The commands ``lens fit`` and ``lens show``."""
 
 import pytest
-from lens_texts import zemax_text
+from lens_texts import table_text, zemax_text
 from PIL import Image
 
 from saf_gen.cli import main
-from saf_gen.optics.lens_file.fitted_file import read_lens
+from saf_gen.optics.fitted_file import read_lens
 
 pytestmark = pytest.mark.usefixtures("readable_figures")
 
@@ -40,8 +40,9 @@ def test_a_lens_is_fitted_shown_and_drawn(folder, capsys):
 
 WRONG = {
     "no file": (("fit", "none.zmx"), "none.zmx cannot be read"),
-    "a folder": (("fit", "."), "is a folder"),
+    "another format": (("fit", "."), "is no lens file"),
     "not YAML": (("fit", "a.zmx", "--out", "a.txt"), "ends in .yaml"),
+    "over itself": (("fit", "t.yaml"), "over itself"),
     "even degree": (("fit", "a.zmx", "--degree", 4), "one of 3, 5"),
     "degree 99": (("fit", "a.zmx", "--degree", 99), "one of 3, 5"),
     "aperture 0": (("fit", "a.zmx", "--f-number", 0), "f-number"),
@@ -62,6 +63,7 @@ WRONG = {
 def test_wrong_input_is_one_line_exit_code_2_and_nothing_written(what, folder, capsys):
     words, fragment = WRONG[what]
     (folder / "mine.yaml").write_text("a: 1\n")
+    (folder / "t.yaml").write_text(table_text())
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert exit_code("lens", *words) == 2
     said = capsys.readouterr().err.strip()

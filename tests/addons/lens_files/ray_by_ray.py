@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 
-def surfaces_of(text, *, wave_um, plastics):
+def surfaces_of(text, *, wave_um):
     """A list of curvature, conic, powers of r² from the second on, thickness (mm) and index behind each surface."""
     found = []
     for block in text.split("SURF ")[2:-1]:
@@ -16,7 +16,7 @@ def surfaces_of(text, *, wave_um, plastics):
         powers = {int(words[1]): float(words[2]) for words in rows if words[0] == "PARM"}
         index = 1.0
         if "GLAS" in one:
-            n, v = plastics.get(one["GLAS"][0]) or (float(word) for word in one["GLAS"][3:5])
+            n, v = (float(word) for word in one["GLAS"][3:5])
             b = (n - 1) / v / (0.4861327**-2 - 0.6562725**-2)  # n = a + b/λ²
             index = n + b * (wave_um**-2 - 0.5875618**-2)
         found.append(

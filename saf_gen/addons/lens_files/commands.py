@@ -9,14 +9,15 @@ import typer
 
 from saf_gen.cli._tables import print_facts
 from saf_gen.cli._terminal import out
+from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
-    from saf_gen.optics.lens_file.fitted_file import FittedLens
+    from saf_gen.optics.fitted_file import FittedLens
 
 
 def fit_lens_command(
-    file: Annotated[Path, typer.Argument(help="Lens file: Zemax (.zmx), optiland or DeepLens (.json).")],
+    file: Annotated[Path, typer.Argument(help="Lens file: Zemax (.zmx), or a table of surfaces (.yaml).")],
     *,
     to: Annotated[Path | None, typer.Option("--out", help="File to write (.yaml); default: the name of FILE.")] = None,
     f_number: Annotated[
@@ -41,11 +42,10 @@ def fit_lens_command(
     ] = None,
 ) -> None:
     """Fit polynomials to the rays of a real lens, which a scene card then names as its lens."""
+    from saf_gen.addons.lens_files.fit import MARK, find_reach, fit_lens, fitted_text
+    from saf_gen.addons.lens_files.reading import read_glasses, read_prescription
     from saf_gen.core.config.presets import is_preset_file
     from saf_gen.core.files import check_apart, check_ours, check_writable, write_text
-    from saf_gen.optics.lens_file.fit import find_reach, fit_lens
-    from saf_gen.optics.lens_file.fitted_file import MARK, fitted_lens, fitted_text
-    from saf_gen.optics.lens_file.reading import read_glasses, read_prescription
 
     lens = read_prescription(
         file, glasses=read_glasses(glass or (), catalogue or ()), f_number=f_number, height_mm=height_mm
@@ -59,8 +59,8 @@ def fit_lens_command(
     reach = find_reach(
         lens, f_number=f_number, height_mm=height_mm, nearest_m=nearest_m, waves_nm=_two_numbers(waves_nm)
     )
-    fit = fit_lens(lens, reach, degree=degree)
-    found = fitted_lens(lens, fit, source=file.name, options=_options(locals()))
+    made_with = " ".join(f"saf-gen lens fit {shlex.quote(file.name)} {_options(locals())}".split())
+    found = fit_lens(lens, reach, degree=degree, source=file.name, made_with=made_with)
     write_text(target, fitted_text(found))
     _print_lens(found)
     for note in found.notes:
@@ -79,9 +79,9 @@ def show_lens_command(
     to: Annotated[Path | None, typer.Option("--out", help="Figure to write (.png); default: the lens's name.")] = None,
 ) -> None:
     """Print what a fitted lens does, and draw its spots, aberrations and relative illumination."""
-    from saf_gen.authoring.lens_sheet import draw_lens
+    from saf_gen.addons.lens_files.sheet import draw_lens
     from saf_gen.core.files import check_writable, refuse_link
-    from saf_gen.optics.lens_file.fitted_file import read_lens
+    from saf_gen.optics.fitted_file import read_lens
 
     lens = read_lens(name)
     target = to or Path(f"{Path(name).stem}.png")
@@ -118,7 +118,7 @@ def _options(given: dict[str, object]) -> str:
 
 
 def _print_lens(lens: "FittedLens") -> None:
-    from saf_gen.authoring.lens_sheet import USUAL_PITCH_UM, measure_lens
+    from saf_gen.addons.lens_files.sheet import USUAL_PITCH_UM, measure_lens
 
     found = measure_lens(lens)
     low, high = lens.waves_nm
@@ -143,3 +143,20 @@ def _print_lens(lens: "FittedLens") -> None:
             f"{lens.relative_illumination[-1][1]:.0%} of that in the middle, told and not used"
         )
     print_facts(facts)
+
+
+GROUPS = {"lens": "Fit real lenses for scene cards, and draw them."}
+COMMANDS = {
+    "lens fit": Command(
+        fit_lens_command,
+        ("lens fit double_gauss.zmx --height-mm 12", "lens fit design.yaml --out my.yaml --glass BAF7=1.608/46.2"),
+        Panel.SCENES,
+        NOTHING_WRITTEN,
+    ),
+    "lens show": Command(
+        show_lens_command,
+        ("lens show double_gauss", "lens show my_lens.yaml --out my_lens.png"),
+        Panel.SCENES,
+        NOTHING_WRITTEN,
+    ),
+}
