@@ -32,6 +32,7 @@ IMPORTERS = {
     ],
     "typer": ["cli", *ADDON_COMMANDS],
     "rich": ["cli", *ADDON_COMMANDS],
+    "openpyxl": ["stream.interop.saf_folder"],
     "matplotlib": [
         "core.figure_style",
         "stream.pictures",

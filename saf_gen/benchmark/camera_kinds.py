@@ -5,13 +5,10 @@ from contextlib import suppress
 
 from saf_gen.benchmark.method_spec import Method, nested_plugins, split_options
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.camera import parse_sensor
-from saf_gen.camera.spad import SpadSensor
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_intervals, wants_polarities
 from saf_gen.plugins.measures import NORMALISED_SUFFIX
-from saf_gen.stream.frame_file import FrameFile
-from saf_gen.stream.recordings import EventRecording, open_recording
+from saf_gen.stream.recordings import open_recording
 
 LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated"})
 """Measures that add 1/12 for the spike that two halves of a window share (:mod:`saf_gen.camera.counting_law`). Counts
@@ -32,7 +29,7 @@ def keep_those_that_suit(
     methods : mapping of str to Method
         The methods by name.
     tasks : list of SequenceTask
-        The sequences, which one camera has recorded: the first that can be read tells which.
+        The sequences.
     asked : bool
         Whether the user has named the methods. Others are left out, with a line.
     tell : callable
@@ -83,7 +80,7 @@ INSTEAD = {
 
 def _needs(method: Method) -> list[str]:
     """Return why some cameras do not suit a method."""
-    name = split_options(method.measure_name)[0].removesuffix(NORMALISED_SUFFIX)
+    name = _plain_name(method.measure_name)
     reasons = {
         POLARITIES: any(map(wants_polarities, nested_plugins(method.search))),
         LAW: name in LAW_OF_SPIKES,
@@ -93,20 +90,31 @@ def _needs(method: Method) -> list[str]:
     return [reason for reason, applies in reasons.items() if applies]
 
 
+def _plain_name(measure: str) -> str:
+    """Return the name of a measure without its options and its form."""
+    return split_options(measure)[0].removesuffix(NORMALISED_SUFFIX)
+
+
+def check_law(measure: str, counted: str) -> None:
+    """Raise BadInput if a focus measure corrects for the noise of spikes, and a recording counts photons."""
+    if counted == "photons" and _plain_name(measure) in LAW_OF_SPIKES:
+        raise BadInput(f"{measure} {LAW}, and this recording holds {WORDS[counted]}", allowed=COUNTS[0], hint=COUNTS[1])
+
+
 def _twin(method: Method) -> str:
     """Return the search that takes events as they are, for one that makes them of spikes, or ''."""
     return next((twin for plugin in nested_plugins(method.search) if (twin := TWINS.get(type(plugin).__module__))), "")
 
 
 def _kind(tasks: list[SequenceTask]) -> str:
-    """Return what the first recording that can be read holds: ``spikes``, ``photons``, ``events`` or ``frames``."""
+    """Return what the recordings hold: ``spikes``, ``photons``, ``events`` or ``frames``.
+
+    One camera has recorded them, so that one tells. Only imported ones may hold spikes and photons: this is photons.
+    """
+    kind = "spikes"
     for task in tasks:
         with suppress(BadInput, OSError), open_recording(task.path) as stream:
-            if isinstance(stream, EventRecording):
-                return "events"
-            if isinstance(stream, FrameFile):
-                return "frames"
-            text = stream.metadata.provenance.get("sensor")
-            of_photons = text is not None and isinstance(parse_sensor(text, "/provenance/sensor"), SpadSensor)
-            return "photons" if of_photons else "spikes"
-    return "spikes"
+            kind = "frames" if stream.counted == "levels" else stream.counted
+        if kind != "spikes":
+            break
+    return kind

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.benchmark.admission import admit_measure, describe_undeclared
-from saf_gen.benchmark.camera_kinds import keep_those_that_suit
+from saf_gen.benchmark.camera_kinds import check_law, keep_those_that_suit
 from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -362,13 +362,15 @@ def score_blocks(
     Raises
     ------
     BadInput
-        If the window is out of range, if the region or the measure is unknown, or if the measure fails.
+        If the window is out of range, if the region or the measure is unknown, if the measure corrects for the noise of
+        spikes and the stream counts photons, or if the measure fails.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):
         raise BadInput(f"the window is {window!r}", allowed=f"1 to {frames}, the number of frames in the stream")
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
+    check_law(measure if isinstance(measure, str) else type(measure).__module__.rpartition(".")[2], stream.counted)
     counts = WindowCounts(stream, choose_region(stream, region)[0])
     view = RecordingView(counts, admit_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)

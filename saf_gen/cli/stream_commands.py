@@ -15,101 +15,85 @@ from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
-    from saf_gen.stream.interop import RawLayout, Readouts, Source
+    from saf_gen.stream.interop import Readouts, Source
 
 SHADES = " .:-=+*#%@"
 PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
+SMALL_COLUMNS = 32
+"""Columns of a picture that is one of several."""
 BIT_NAMES = {"lsb": "least significant", "msb": "most significant"}
-Size = Annotated[str | None, typer.Option(help="Columns and rows of a frame, such as 600x400 (default: the layout's).")]
-Bits = Annotated[
-    str | None, typer.Option("--bits", help="First bit of a byte: lsb or msb (default: lsb, or as the file shows).")
-]
-Rate = Annotated[float, typer.Option(help="Readouts per second, which the files do not contain.")]
-Key = Annotated[
-    str | None, typer.Option(help="Name of the array, if a .npz or .mat file has several, or layer of OpenEXR files.")
-]
-FocusLog = Annotated[
-    Path | None, typer.Option(help="Lens log: CSV with frame,position or seconds,position (0 to 1 of the travel).")
-]
-TruthText = Annotated[
-    str | None, typer.Option(help="True focus: a position (0.42), or a frame of the lens log (frame:812).")
-]
+Size = Annotated[str | None, typer.Option(help="Columns x rows of raw frames without gaps: 600x400.")]
+Bits = Annotated[str | None, typer.Option("--bits", help="First value in a byte: lsb or msb.")]
+Rate = Annotated[float, typer.Option(help="Readouts per second.")]
+Key = Annotated[str | None, typer.Option(help="Array of a .npz or .mat file, or layer of OpenEXR.")]
+FocusLog = Annotated[Path | None, typer.Option(help="Lens log: CSV of frame,position or seconds,position.")]
+TruthText = Annotated[str | None, typer.Option(help="True focus: position 0.42 or frame:812.")]
 DepthOfFocus = Annotated[
-    tuple[float, float] | None, typer.Option(help="Near and far positions between which the target is sharp.")
+    tuple[float, float] | None, typer.Option(metavar="<a> <b>", help="Near and far positions where it is sharp.")
 ]
 
 
 def import_command(
-    file: Annotated[Path, typer.Argument(help="Raw frames, a .npy, .npz or .mat file, or SAF's folder of recordings.")],
-    target: Annotated[Path, typer.Option("--out", help="Stream file to write; if FILE is a folder, folder to write.")],
+    file: Annotated[Path, typer.Argument(help="Raw frames, .npy, .npz, .mat, or a folder of SAF.")],
+    target: Annotated[Path, typer.Option("--out", help="Stream file, or folder for a folder.")],
     *,
-    layout: Annotated[
-        str,
-        typer.Option(
-            help="auto; for raw files 416, dense, sps1000; for arrays frames, packed (eight frames per byte), "
-            "packed-x or packed-y (eight pixels)."
-        ),
-    ] = "auto",
+    layout: Annotated[str | None, typer.Option(help="Raw frames: 416, dense or sps1000.")] = None,
     size: Size = None,
     order: Bits = None,
-    axes: Annotated[
-        str | None, typer.Option(help="Order of time, rows and columns in an array, such as TYX or YXT.")
-    ] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to import (default: all).")] = None,
+    axes: Annotated[str | None, typer.Option(help="Order of time, rows, columns in an array: TYX, YXT.")] = None,
+    kind: Annotated[str, typer.Option(help="What a 1 is: spikes or photons.")] = "spikes",
+    frames: Annotated[int | None, typer.Option(help="Frames to import (default: all).")] = None,
     rate: Rate = 20_000.0,
-    flip: Annotated[
-        bool | None, typer.Option(help="The bottom row is stored first (default: as in the layout).")
-    ] = None,
+    flip: Annotated[bool | None, typer.Option(help="Bottom row first, or top.")] = None,
     key: Key = None,
     focus: FocusLog = None,
-    light: Annotated[
-        Path | None, typer.Option(help="Light log: CSV with frame,NAME or seconds,NAME, a column per light.")
-    ] = None,
+    light: Annotated[Path | None, typer.Option(help="Light log: CSV of seconds,NAME, a column a light.")] = None,
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
-    mask: Annotated[
-        str | None,
-        typer.Option(
-            help="Bad pixels, which are filled: a picture or array (not 0 is bad), a CSV of row,column, or `find`."
-        ),
-    ] = None,
-    times: Annotated[
-        Path | None,
-        typer.Option(help="CSV with `seconds` or `readout`, a row per frame (default: losses that the spikes show)."),
-    ] = None,
+    mask: Annotated[str | None, typer.Option(help="Bad pixels: a picture, an array, or CSV of row,column.")] = None,
+    times: Annotated[Path | None, typer.Option(help="CSV of seconds or readout, a row a frame.")] = None,
 ) -> None:
     """Convert a recording from another program to a stream, with its lens log, light log and true focus if given."""
     from saf_gen.stream import interop
+    from saf_gen.stream.metadata import KINDS
 
     if file.is_dir():
-        options = {"--layout": layout != "auto", "--size": size, "--bits": order, "--axes": axes, "--frames": frames,
+        options = {"--layout": layout, "--size": size, "--bits": order, "--axes": axes,
+                 "--kind": kind != "spikes", "--frames": frames,
                  "--flip": flip is not None, "--key": key,
                  "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus,
                  "--mask": mask, "--times": times}  # fmt: skip
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
     _check_stream_output(file, target)
+    if kind not in KINDS:
+        raise unknown("kind of recording", kind, allowed=KINDS)
     source, how = _open_source(
-        file, layout=None if layout == "auto" else layout, size=parse_size(size), order=order, axes=axes,
-        frames=frames, flip=flip, key=key,
-    )  # fmt: skip
-    found = interop.examine(source, mask=mask, times=times, readout_hz=rate)
-    fields = _read_lens_log_and_truth(
-        source.shape[0], rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus, readouts=found.readouts
+        file, layout=layout, size=parse_size(size), order=order, axes=axes, frames=frames, flip=flip, key=key
     )
-    fields |= _read_light(light, source.shape[0], rate=rate, readouts=found.readouts)
-    if found.readouts is not None:
-        fields |= {"kept": found.readouts.kept, "readout": found.readouts.of_gaps}
-    digest = interop.write_source(source, target, readout_hz=rate, mask=found.mask, **fields)
-    _print_written_stream(target, f"read as layout {how}, sha256 {digest[:16]}")
-    for line in found.lines:
+    count, *shape = source.shape
+    bad = None if mask is None else interop.read_mask(mask, (shape[0], shape[1]))
+    readouts = None
+    if times is not None:
+        readouts = interop.read_times(times, frames=count, total=source.total, readout_hz=rate)
+    fields = _read_lens_log_and_truth(
+        count, rate=rate, focus=focus, truth=truth, depth_of_focus=depth_of_focus, readouts=readouts
+    )
+    fields |= _read_light(light, count, rate=rate, readouts=readouts)
+    if readouts is not None:
+        fields |= {"kept": readouts.kept, "readout": readouts.of_gaps}
+    is_masked = bad is not None and bool(bad.any())
+    digest = interop.write_source(source, target, readout_hz=rate, kind=kind, mask=bad if is_masked else None, **fields)
+    _print_written_stream(target, f"{kind} read as {how}, sha256 {digest[:16]}")
+    if bad is not None:
+        number = plural(int(np.count_nonzero(bad)), "bad pixel")
+        out.print(f"mask: {f'{number}, filled in counts and pictures' if is_masked else 'no bad pixel'}")
+    for line in () if readouts is None else readouts.describe():
         out.print(line, soft_wrap=True)
     if focus is not None:
-        line, is_odd = interop.describe_coverage(
-            focus, frames=source.shape[0], readout_hz=rate, readouts=found.readouts
-        )
+        line, is_odd = interop.describe_coverage(focus, frames=count, readout_hz=rate, readouts=readouts)
         (err if is_odd else out).print(f"{'Warning: ' if is_odd else ''}lens log {focus}: {line}", soft_wrap=True)
-    _print_picture(target)
+    _print_picture(source, columns=PICTURE_COLUMNS)
 
 
 def _check_stream_output(source: Path, target: Path) -> None:
@@ -136,20 +120,27 @@ def _open_source(
     from saf_gen.stream import interop
 
     if file.suffix.lower() in interop.ARRAY_ENDINGS:
-        array = interop.SpikeArray(
-            file, key=key, layout=layout, axes=axes, order=order, size=size, frames=frames, flip=bool(flip)
-        )
-        return array, str(array.reading)
+        for name, value in (("layout", layout), ("size", size)):
+            if value is not None:
+                raise BadInput(
+                    f"--{name} is given for an array", where=str(file), allowed="with raw frames",
+                    hint="state --axes, and --bits if a byte holds eight frames",
+                )  # fmt: skip
+        array = interop.SpikeArray(file, key=key, axes=axes, order=order, frames=frames, flip=bool(flip))
+        packing = f", eight frames per byte, {BIT_NAMES[order]} bit first" if order else ""
+        return array, f"an array with axes {axes}{packing}"
     if key is not None:
         raise BadInput(f"--key {key} is given for a raw file", where=str(file), allowed="with .npz and .mat files")
     if axes is not None:
         raise BadInput(f"--axes {axes} is given for a raw file", where=str(file), allowed="with arrays")
-    kind, first = interop.recognise(file, layout=layout, size=size, order=order)
+    if layout is None and size is None:
+        for named in interop.fitting_layouts(file):
+            out.print(f"{file} as --layout {named.name}:", markup=False, soft_wrap=True)
+            _print_picture(interop.RawFrames(file, named, flip=flip), columns=SMALL_COLUMNS)
+    kind, first = interop.state_layout(file, layout=layout, size=size, order=order)
     raw = interop.RawFrames(file, kind, order=first, frames=frames, flip=flip)
     upside = "bottom" if raw.origin["flip"] else "top"
-    if (layout or size) and (other := _other_layout(file, kind)) is not None:
-        err.print(f"{file} looks like {other}, but is read as {_describe_layout(kind)}", soft_wrap=True)
-    return raw, f"{kind.name}, {BIT_NAMES[first]} bit first, {upside} row first"
+    return raw, f"layout {kind.name}, {BIT_NAMES[first]} bit first, {upside} row first"
 
 
 def _import_saf_folder(folder: Path, target: Path, *, rate: float, refused: list[str]) -> None:
@@ -210,22 +201,6 @@ def _read_light(light: Path | None, frames: int, *, rate: float, readouts: "Read
     return {"gain": np.stack(list(gains.values()), axis=1), "light_names": tuple(gains)}
 
 
-def _other_layout(file: Path, kind: "RawLayout") -> str | None:
-    """Return a description of the layout that a file shows, if it is another than ``kind``, else None."""
-    from saf_gen.stream.interop import recognise
-
-    try:
-        shown, _ = recognise(file)
-    except BadInput:
-        return None
-    described = _describe_layout(shown)
-    return None if described == _describe_layout(kind) else described
-
-
-def _describe_layout(layout: "RawLayout") -> str:
-    return f"layout {layout.name} of {layout.columns}×{layout.rows}"
-
-
 def parse_size(text: str | None) -> tuple[int, int] | None:
     """Return rows and columns of a size such as 400x250 (columns by rows); raise BadInput if it is not one."""
     if text is None:
@@ -236,16 +211,13 @@ def parse_size(text: str | None) -> tuple[int, int] | None:
     return found
 
 
-def _print_picture(stream: Path) -> None:
-    """Print the counts of some frames in the middle of a stream, so that a wrong size or order is seen at once."""
-    from saf_gen.stream.stream_file import open_stream
-
-    with open_stream(stream) as opened:
-        total, rows, columns = opened.shape
-        first = max((total - PICTURE_FRAMES) // 2, 0)
-        counts = opened.counts(first, min(first + PICTURE_FRAMES, total)).astype(float)
-    wide = min(PICTURE_COLUMNS, columns)
-    high = max(min(round(wide * rows / columns / 2), rows, PICTURE_COLUMNS), 1)  # a character is twice as high as wide
+def _print_picture(source: "Source", *, columns: int) -> None:
+    """Print the counts of some frames in the middle of a recording, so that a wrong size or order is seen at once."""
+    total = source.shape[0]
+    first = max((total - PICTURE_FRAMES) // 2, 0) // 8 * 8
+    counts = np.bitwise_count(source.packed(first, min(first + PICTURE_FRAMES, total))).sum(axis=2, dtype=float)
+    rows, wide = counts.shape[0], min(columns, counts.shape[1])
+    high = max(min(round(wide * rows / counts.shape[1] / 2), rows, columns), 1)  # a character is twice as high as wide
     for axis, cells in ((0, high), (1, wide)):
         edges = np.linspace(0, counts.shape[axis], cells + 1).round().astype(int)
         sizes = np.diff(edges).reshape((-1, 1) if axis == 0 else (1, -1))
@@ -353,6 +325,8 @@ def export_command(
         for name, value in (("mask of bad pixels", held.mask), ("lost readouts", held.readout))
         if value is not None
     ]
+    if held.kind != "spikes":
+        err.print(f"a raw file cannot say that it holds {held.kind}: saf-gen import FILE --kind {held.kind} states it")
     if lost:
         err.print(
             f"a raw file cannot hold what the stream says of its {' and '.join(lost)}: it has the recorded frames"
@@ -456,10 +430,13 @@ def view_command(
     Its lens position, light, truth and scores are drawn beside them.
     """
     from saf_gen.benchmark.admission import admit_measure
+    from saf_gen.benchmark.camera_kinds import check_law
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
     with open_recording(stream) as opened:
+        for name in measure or ():
+            check_law(name, opened.counted)
         pictures = write_view(
             opened,
             target,
@@ -481,9 +458,8 @@ COMMANDS = {
     "import": Command(
         import_command,
         (
-            "import camera.dat --out recording.h5",
-            "import camera.dat --out recording.h5 --focus lens.csv --truth 0.42",
-            "import spikes.mat --out recording.h5 --key spk --rate 40000",
+            "import camera.dat --layout dense --out recording.h5 --focus lens.csv",
+            "import spikes.mat --axes YXT --out recording.h5 --key spk",
             "import camera.raw --out recording.h5 --size 600x400 --bits msb",
         ),
         Panel.RECORDINGS,

@@ -122,6 +122,7 @@ def record_photons(
     metadata = replace(
         metadata,
         gain=gain,
+        kind="photons",
         provenance={
             **texts,
             "sensor": yaml.safe_dump(placed.as_dict(), sort_keys=False),

@@ -29,6 +29,7 @@ def describe_content(stream: ReadableStream | EventFile | FrameFile, *, with_rat
     scene = [str(planned[key]) for key in ("scene", "scene_motion") if key in planned]
     facts = {"scene": ", ".join(scene)} if scene else {}
     facts |= {
+        **({"kind": "single photons"} if stream.metadata.kind == "photons" else {}),
         "pixels": f"{columns}×{rows}",
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({length / stream.readout_hz:g} s)",
         **(_describe_rates(stream) if with_rates and not isinstance(stream, EventFile | FrameFile) else {}),

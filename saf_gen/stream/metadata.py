@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from html import escape
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from saf_gen.errors import BadInput, unknown
 
 FORMAT = "saf-gen stream"
 LAYOUT = 1
+KINDS = ("spikes", "photons")
+"""What a 1 in a recording stands for: a spike of a pixel that integrates light, or a detection of a single photon."""
 MAX_PIXELS = 1 << 22
 """Largest number of pixels per frame; a time block of 2,000 frames of this size takes a gigabyte."""
 
@@ -137,6 +139,9 @@ class Metadata:
     readout : ndarray of int64, shape (T,), optional
         Number of the camera's readout that each frame is: it begins with 0 and rises by more than 1 where readouts were
         lost. By default, frame t is readout t.
+    kind : str, default 'spikes'
+        One of KINDS. The shared spike of two windows, for which some measures correct, is not in counts of photons. A
+        file holds it in ``/provenance/kind``, unless it is the default.
     truth : Truth, optional
         The true focus.
     provenance : mapping of str to str, optional
@@ -150,6 +155,7 @@ class Metadata:
     light_names: tuple[str, ...] = ()
     mask: np.ndarray | None = None
     readout: np.ndarray | None = None
+    kind: str = "spikes"
     truth: Truth = field(default_factory=Truth)
     provenance: Mapping[str, str] = field(default_factory=dict)
 
@@ -250,7 +256,13 @@ def metadata_to_datasets(
     if lights:
         out["/light/names"] = lights
     _check_lights(out.get("/light/gain"), lights)
+    if metadata.kind not in KINDS:
+        raise unknown("kind of recording", metadata.kind, allowed=KINDS)
+    if metadata.kind != KINDS[0]:
+        out["/provenance/kind"] = metadata.kind
     for name, text in metadata.provenance.items():
+        if name == "kind":
+            raise BadInput("provenance has the name 'kind'", allowed="any other name", hint="use the field kind")
         if not name or "/" in name or name.startswith("."):
             raise BadInput(f"provenance has the name {name!r}", allowed="names without '/', not starting with '.'")
         out[f"/provenance/{name}"] = _checked_text(f"provenance/{name}", text)
@@ -358,18 +370,23 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
             near, far = truth[name]
             truth[name] = (float(near), float(far))
     provenance = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
+    kind = provenance.pop("kind", KINDS[0])
+    if kind not in KINDS:
+        raise unknown("kind of recording", kind, allowed=KINDS)
     lights = tuple(str(name) for name in values.get("/light/names", ()))
     _check_lights(found.get("gain"), lights)
-    return Metadata(**found, light_names=lights, truth=Truth(**truth), provenance=provenance)
+    return Metadata(**found, light_names=lights, kind=kind, truth=Truth(**truth), provenance=provenance)
 
 
 class ReadableStream(Protocol):
     """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`.
 
-    ``counted`` says what its numbers count: ``spikes``, ``events``, or ``levels`` of a frame camera.
+    ``counted`` says what its numbers count: ``spikes``, ``photons``, ``events``, or ``levels`` of a frame camera.
     """
 
-    counted: ClassVar[str]
+    @property
+    def counted(self) -> str: ...
+
     path: Path
     shape: tuple[int, int, int]
     readout_hz: float

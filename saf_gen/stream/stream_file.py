@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import h5py
 import numpy as np
@@ -156,9 +156,9 @@ class SpikeStream:
         Gain of each light group in each frame, from ``metadata``.
     light_names : tuple of str
         Names of the light groups, from ``metadata``.
+    counted : str
+        What a 1 stands for: ``spikes`` or ``photons``, from ``metadata``.
     """
-
-    counted: ClassVar[str] = "spikes"
 
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
@@ -195,6 +195,7 @@ class SpikeStream:
         if (spikes := read_attribute(file, "spikes_sha256")) is not None:  # older streams have no such attribute
             self._check_digests(small.items(), str(spikes))
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
+        self.counted = self.metadata.kind
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
         self._mask = None if self.metadata.mask is None else PixelMask(self.metadata.mask)
         read = choose_chunk_reader(self._spikes)

@@ -259,7 +259,7 @@ def test_an_imported_file_is_exported_as_it_was(call, tmp_path):
     raw[:, :, 50:] = 0
     foreign, stream, back = tmp_path / "a.dat", tmp_path / "a.h5", tmp_path / "b.dat"
     foreign.write_bytes(raw.tobytes())
-    code, out, _ = call("import", foreign, "--out", stream)
+    code, out, _ = call("import", foreign, "--layout", "416", "--out", stream)
     assert code == 0
     assert "3 frames of 400×250" in out
     assert call("export", stream, "--out", back, "--for", "saf")[0] == 0
@@ -446,7 +446,8 @@ WRONG = {
         "score STREAM --measure sd --window 9 --out TEXT/x.csv",
         "cannot be written | another folder",
     ),
-    "file of another layout": ("import TEXT --out OUT", "13000 | 416 | no known layout | lost end"),
+    "raw file without a layout": ("import TEXT --out OUT", "--layout 416 | --size | --bits | do not say how they are"),
+    "file of another layout": ("import TEXT --out OUT --layout 416", "13000 | 416 | lost end"),
     "unknown layout": ("import TEXT --out OUT --layout 4l6", "'4l6' | dense | did you mean '416'?"),
     "foreign file that is nowhere": ("import FOLDER/a.dat --out OUT", "a.dat | cannot be read"),
     "foreign folder": ("import FOLDER --out OUT", "is a folder | file of raw frames"),

@@ -2,9 +2,9 @@
 
     python tests/robustness/fuzz.py --inputs 10000 --seed 17
 
-There are sixteen kinds of input: recipe, scene card, geometry of a scene (XML, meshes, texture), sensor file,
+There are seventeen kinds of input: recipe, scene card, geometry of a scene (XML, meshes, texture), sensor file,
 actuator file, stream, manifest, records, tuned file, predictions, list of methods, logs of lens and light, camera files
-(raw, arrays, MATLAB, SAF's folder), pictures, focal stacks, meshes of new scenes. Each
+(raw, SAF's folder), arrays of cameras (NumPy, MATLAB), pictures, focal stacks, meshes of new scenes. Each
 input is a valid sample (fuzz_samples.py) with something changed (fuzz_changes.py): hostile values, broken text, bytes,
 links, archives with correct checksums, pipes and devices instead of files.
 

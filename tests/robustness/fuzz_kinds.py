@@ -69,13 +69,22 @@ KINDS = (
     Kind(
         "log of lens or light",
         ("lens.csv", "light.csv", "gain.csv"),
-        ("import camera.dat --out out.h5 --focus lens.csv --light light.csv --truth 0.42", "recipes check recipe.yaml"),
+        (
+            "import camera.dat --layout 416 --out out.h5 --focus lens.csv --light light.csv --truth 0.42",
+            "recipes check recipe.yaml",
+        ),
         (TEXT, TEXT, BYTES),
     ),
     Kind(
         "camera file",
-        ("camera.dat", "frames.npy", "frames.npz", "old.mat", "new.mat", "saf/config.xlsx", "saf/one.dat"),
-        ("import {} --out out.h5", "!saf"),
+        ("camera.dat", "saf/config.xlsx", "saf/one.dat"),
+        ("import camera.dat --layout 416 --out out.h5", "!saf"),
+        (BYTES, BYTES, MEMBER),
+    ),
+    Kind(
+        "array of a camera",
+        ("frames.npy", "frames.npz", "old.mat", "new.mat"),
+        ("import {} --axes TYX --out out.h5",),
         (BYTES, BYTES, MEMBER, HDF5),
     ),
     Kind(

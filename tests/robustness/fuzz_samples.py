@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import scipy.io
+from openpyxl import Workbook
 from PIL import Image
 
 import saf_gen
@@ -40,9 +41,6 @@ lights:
 splits:
   test: {scenes: [own], lights: [constant, continuous, logged, lamp_only], repeats: 2}
 """
-SHEET = (
-    '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
-)
 
 
 def write_samples(folder: Path, call: Callable[..., int]) -> None:
@@ -146,14 +144,10 @@ def _write_foreign(folder: Path) -> None:
     saf.mkdir()
     (saf / "one.dat").write_bytes(raw.tobytes())
     cells = [["id", "scene name", "frames", "focal frame", "dt", "path"], ["1", "cat", "3", "2", "50", "one.dat"]]
-    rows = "".join(
-        f'<row r="{r}">'
-        + "".join(f'<c t="str" r="{"ABCDEF"[c]}{r}"><v>{text}</v></c>' for c, text in enumerate(row))
-        + "</row>"
-        for r, row in enumerate(cells, start=1)
-    )
-    with zipfile.ZipFile(saf / "config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("xl/worksheets/sheet1.xml", SHEET.format(rows))
+    book = Workbook()
+    for row in cells:
+        book.active.append(row)
+    book.save(saf / "config.xlsx")
     pictures = folder / "pictures"
     pictures.mkdir()
     for n in range(3):

@@ -20,20 +20,21 @@ import h5py
 import numpy as np
 import OpenEXR
 import tifffile
+from openpyxl import Workbook
 from PIL import Image, PngImagePlugin
 from scipy.io import savemat
 
 MIB = 1 << 20
 READ_ARRAY = (
-    "import {} --out out.h5 --layout frames",
-    "import {} --out out.h5",
+    "import {} --out out.h5 --axes TYX --bits lsb",
+    "import {} --out out.h5 --axes TYX",
     "encode {} --out out.h5 --rate 900 --linear",
 )
-READ_PICTURE = ("encode {} --out out.h5 --rate 900 --sensor ideal --linear", "import camera.npy --out out.h5 --mask {}")
+TO_STREAM = "import camera.npy --axes TYX --out out.h5"
+READ_PICTURE = ("encode {} --out out.h5 --rate 900 --sensor ideal --linear", f"{TO_STREAM} --mask {{}}")
 READ_MESH = ("scenes new made --from {}",)
 READ_STREAM = ("inspect {}", "dataset index .", "score {} --measure sd --window 8", "cut {} --out out/o.h5 --to 8")
-READ_LOG = ("import camera.npy --out out.h5 --focus {}", "import camera.npy --out out.h5 --mask {}",
-            "import camera.npy --out out.h5 --times {}", "import camera.npy --out out.h5 --light {}")  # fmt: skip
+READ_LOG = tuple(f"{TO_STREAM} --{option} {{}}" for option in ("focus", "mask", "times", "light"))
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def npz(random: Random, folder: Path) -> Hostile:
         write_zip(path, "spikes.npy", _npy_head((2, 1, 300 << 20)), 600 << 20)
     elif kind == "turned zeros":
         write_zip(path, "spikes.npy", _npy_head((100, 100, 50_000)), 500_000_000)
-        commands, must = ("import {} --out out.h5 --layout frames --axes YXT",), "read"
+        commands, must = ("import {} --out out.h5 --bits lsb --axes YXT",), "read"
     elif kind == "many members":
         with zipfile.ZipFile(path, "w") as archive:
             for number in range(20_000):
@@ -209,7 +210,7 @@ def mat(random: Random, folder: Path) -> Hostile:
         dims = {
             "one huge frame": (25_000, 25_000, 1),
             "a huge element": (1 << 30, 1 << 30, 3),
-            "dark": (250, 400, 4000),
+            "dark": (250, 400, 3000),
         }
         shape = dims[kind]
         stated = min(int(np.prod(shape, dtype=float)), 2**32 - 80)
@@ -221,13 +222,14 @@ def mat(random: Random, folder: Path) -> Hostile:
         inner += struct.pack("<2I", 2, stated)
         pack, body = zlib.compressobj(1), b""
         body += pack.compress(struct.pack("<2I", 14, len(inner) + stated) + inner)
-        for _ in range(0, min(stated, 700 << 20), MIB):
-            body += pack.compress(bytes(MIB))
+        most = min(stated, 700 << 20)
+        for at in range(0, most, MIB):
+            body += pack.compress(bytes(min(MIB, most - at)))
         body += pack.flush()
         head = b"MATLAB 5.0".ljust(124) + b"\0\1IM"
         path.write_bytes(head + struct.pack("<2I", 15, len(body)) + body)
         if kind == "dark":
-            commands, must = READ_ARRAY[:1], "read"
+            commands, must = ("import {} --out out.h5 --bits lsb --axes YXT",), "read"
     elif kind == "many arrays":
         savemat(path, {f"a{n}": np.zeros((2, 2), np.uint8) for n in range(3000)})
     else:
@@ -731,10 +733,17 @@ def sheet(random: Random, folder: Path) -> Hostile:
         method = {"bzip2": zipfile.ZIP_BZIP2, "lzma": zipfile.ZIP_LZMA, "packed": zipfile.ZIP_DEFLATED}[kind]
         write_zip(folder / "saf/config.xlsx", "xl/worksheets/sheet1.xml", text[:-30], 1 << 30, method=method)
     else:
-        with zipfile.ZipFile(folder / "saf/config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr("xl/worksheets/sheet1.xml", text)
-            if kind == "many texts":
-                archive.writestr("xl/sharedStrings.xml", f'<sst xmlns="{space}">{"<si/>" * 1_500_000}</sst>')
+        usual = io.BytesIO()
+        Workbook().save(usual)
+        members = {"xl/worksheets/sheet1.xml": text}
+        if kind == "many texts":
+            members["xl/sharedStrings.xml"] = f'<sst xmlns="{space}">{"<si/>" * 1_500_000}</sst>'.encode()
+        with (
+            zipfile.ZipFile(usual) as old,
+            zipfile.ZipFile(folder / "saf/config.xlsx", "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
+            for name in old.namelist():
+                archive.writestr(name, members.get(name, old.read(name)))
     return Hostile(f"xlsx, {kind}", "import saf --out out", "refused")
 
 

@@ -113,7 +113,7 @@ def state_of_tuned(path: Path) -> Any:
 TRY = ("--method", "sd+argmax", "--try", "search.window=100,200")
 WRITERS = (
     Writer("export", ("export", "wide.h5", "--out", "out.dat", "--layout", "dense"), "out.dat", state_of_bytes),
-    Writer("import", ("import", "frames.npy", "--out", "out.h5"), "out.h5", state_of_stream),
+    Writer("import", ("import", "frames.npy", "--axes", "TYX", "--out", "out.h5"), "out.h5", state_of_stream),
     Writer("tune", ("tune", "data", *TRY, "--out", "out.json"), "out.json", state_of_tuned),
     Writer("generate", ("generate", "small.yaml", "--out", "out", "--variant", "scalar"), "out", state_of_dataset),
     Writer("leaderboard", ("leaderboard", "one", "two", "--out", "out"), "out", state_of_records),

@@ -143,6 +143,8 @@ def test_the_dataset_is_judged_on_both_tracks_by_measures_without_the_law_of_spi
     code, _, error = call("evaluate", target, "--method", "structure_calibrated+argmax", "--out", tmp_path / "none")
     assert (code, len(error.splitlines())) == (2, 1)
     assert "corrects for the noise of spikes" in error
+    with saf_gen.open_stream(target / f"test/{NAMES[0]}.h5") as stream:
+        assert stream.metadata.kind == "photons"
     assert not (tmp_path / "none").exists()
 
 

@@ -1,4 +1,4 @@
-"""Masks are read from any usual file or found in a recording that shows them; what does not fit is refused."""
+"""Masks are read from any usual file; what does not fit is refused."""
 
 import h5py
 import numpy as np
@@ -9,15 +9,15 @@ from PIL import Image
 from planted_recordings import fire, make_picture
 from refusals import refusal
 
-from saf_gen.core import bits
 from saf_gen.core.seeds import make_generator
-from saf_gen.stream.interop.bad_pixels import CHANCE_PAIRS, EXCESS_PAIRS, find_bad_pixels, find_wild_pixels, read_mask
+from saf_gen.stream.interop.bad_pixels import read_mask
 from saf_gen.stream.stream_file import open_stream
 
 FRAMES, HEIGHT, WIDTH = 400, 24, 40
 BAD = make_generator("bad pixels").random((HEIGHT, WIDTH)) < 0.03
 SPIKES = fire(make_picture(HEIGHT, WIDTH), FRAMES)
 BYTES = BAD.astype(np.uint8)
+IMPORT = ("import", "--axes", "TYX")
 
 
 def save_image(mode, values):
@@ -119,7 +119,7 @@ def test_an_imported_mask_has_its_first_row_on_top(call, tmp_path, flip):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", BAD)
     options = ("--mask", tmp_path / "bad.npy", *(["--flip"] if flip else []))
-    code, out, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *options)
+    code, out, err = call(*IMPORT, tmp_path / "a.npy", "--out", tmp_path / "a.h5", *options)
     assert (code, err) == (0, "")
     assert f"mask: {BAD.sum()} bad pixels, filled in counts and pictures" in out
     with open_stream(tmp_path / "a.h5") as stream:
@@ -131,7 +131,7 @@ def test_an_imported_mask_has_its_first_row_on_top(call, tmp_path, flip):
 def test_a_dataset_keeps_its_masks_when_it_is_fetched_and_verify_shows_them(call, tmp_path):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", BAD)
-    call("import", tmp_path / "a.npy", "--out", tmp_path / "set/desk-lamp-00.h5", "--mask", tmp_path / "bad.npy")
+    call(*IMPORT, tmp_path / "a.npy", "--out", tmp_path / "set/desk-lamp-00.h5", "--mask", tmp_path / "bad.npy")
     call("dataset", "index", tmp_path / "set")
     with serve(tmp_path / "set") as (_, address):
         assert call("fetch", address, "--out", tmp_path / "fetched")[0] == 0
@@ -145,14 +145,14 @@ def test_a_dataset_keeps_its_masks_when_it_is_fetched_and_verify_shows_them(call
 def test_a_refused_mask_leaves_nothing_behind(call, tmp_path):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", BAD[1:])
-    code, _, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", tmp_path / "bad.npy")
+    code, _, err = call(*IMPORT, tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", tmp_path / "bad.npy")
     assert code == 2
     assert err.count("\n") == 1
     assert not (tmp_path / "a.h5").exists()
 
 
 def test_a_folder_of_recordings_takes_no_mask(call, tmp_path):
-    code, _, err = call("import", tmp_path, "--out", tmp_path / "out", "--mask", "find")
+    code, _, err = call("import", tmp_path, "--out", tmp_path / "out", "--mask", "a.csv")
     assert code == 2
     assert "--mask is given with a folder" in err
 
@@ -160,120 +160,17 @@ def test_a_folder_of_recordings_takes_no_mask(call, tmp_path):
 def test_a_mask_without_bad_pixels_is_none(call, tmp_path):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", 0 * BYTES)
-    for mask in (tmp_path / "bad.npy", "find"):
-        code, out, _ = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", mask)
-        assert code == 0
-        assert "mask: no bad pixel\n" in out
-        with open_stream(tmp_path / "a.h5") as stream:
-            assert stream.metadata.mask is None
+    code, out, _ = call(*IMPORT, tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", tmp_path / "bad.npy")
+    assert code == 0
+    assert "mask: no bad pixel\n" in out
+    with open_stream(tmp_path / "a.h5") as stream:
+        assert stream.metadata.mask is None
 
 
 def test_an_export_says_that_it_cannot_hold_a_mask(call, tmp_path):
     np.save(tmp_path / "a.npy", SPIKES)
     np.save(tmp_path / "bad.npy", BAD)
-    call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", tmp_path / "bad.npy")
+    call(*IMPORT, tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", tmp_path / "bad.npy")
     code, _, err = call("export", tmp_path / "a.h5", "--out", tmp_path / "a.dat")
     assert code == 0
     assert "cannot hold what the stream says of its mask of bad pixels" in err
-
-
-def planted(rate, frames=1000, *, seed):
-    """Return the counts of a recording with planted pixels, and where they are."""
-    counts = fire(rate, frames, seed=seed).sum(axis=0, dtype=np.int64)
-    places = np.random.default_rng(seed).random(rate.shape)
-    dead, stuck = places < 0.005, places > 0.999
-    counts[dead], counts[stuck] = 0, frames
-    return counts, dead, stuck
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.1, 0.4), (0.05, 0.1), (0.3, 0.45)])
-def test_dead_and_stuck_pixels_are_found_and_no_others(low, high):
-    dead_pixels = found_pixels = 0
-    for seed in range(5):
-        rate = make_picture(60, 80, low=low, high=high, smooth=2.0, seed=seed)
-        counts, dead, stuck = planted(rate, seed=seed)
-        found, always = find_bad_pixels(counts, 1000)
-        assert not (found & ~dead).any()
-        assert not (always & ~stuck).any()
-        dead_pixels += dead.sum() + stuck.sum()
-        found_pixels += found.sum() + always.sum()
-    assert found_pixels >= 0.9 * dead_pixels
-
-
-def pairs_of(spikes):
-    packed = bits.pack_bits(spikes)
-    return EXCESS_PAIRS[packed].sum(axis=2, dtype=np.int64), CHANCE_PAIRS[packed].sum(axis=2, dtype=np.int64)
-
-
-def test_pairs_are_those_of_every_order_of_the_spikes():
-    """Of all bytes with a number of spikes, one has the fewest pairs, and their mean is that of chance."""
-    for number in range(9):
-        orders = [byte for byte in range(256) if byte.bit_count() == number]
-        pairs = [(byte & byte >> 1).bit_count() for byte in orders]
-        assert EXCESS_PAIRS[orders].tolist() == [n - min(pairs) for n in pairs]
-        assert CHANCE_PAIRS[orders] / 8 == pytest.approx(np.mean(pairs) - min(pairs))
-
-
-@pytest.mark.parametrize("rate", [0.2, 0.5, 0.9])
-def test_pixels_that_fire_wildly_are_found_among_even_ones(rate):
-    random = np.random.default_rng(7)
-    wild = random.random((40, 50)) < 0.005
-    spikes = fire(make_picture(40, 50, low=0.1, high=0.45, smooth=2.0), 2000)
-    assert not find_wild_pixels(*pairs_of(spikes)).any()
-    spikes[:, wild] = random.random((2000, np.count_nonzero(wild))) < rate
-    np.testing.assert_array_equal(find_wild_pixels(*pairs_of(spikes)), wild)
-
-
-def test_nothing_is_wild_where_everything_is_or_where_light_flickers():
-    random = np.random.default_rng(8)
-    picture = make_picture(40, 50, low=0.1, high=0.9, smooth=2.0)
-    flicker = np.concatenate([fire(picture * (0.1 if n % 2 else 1.5), 4, seed=n) for n in range(200)])
-    for spikes in (random.random((800, 40, 50)) < 0.3, flicker, fire(picture * 2, 800), fire(picture * 1e-3, 800)):
-        assert not find_wild_pixels(*pairs_of(spikes.astype(np.uint8))).any()
-
-
-def test_small_groups_and_pixels_at_the_border_are_found():
-    counts, dead = np.full((20, 30), 150), np.zeros((20, 30), bool)
-    for place in ((0, 0), (19, 12), (7, 29), (slice(4, 6), slice(8, 10)), (slice(12, 15), 20)):
-        dead[place] = True
-    counts[dead] = 0
-    np.testing.assert_array_equal(find_bad_pixels(counts, 1000)[0], dead)
-
-
-DARK_SQUARE = make_picture(40, 60)
-DARK_SQUARE[10:25, 20:40] = 0
-SCENES = {
-    "dark": np.full((40, 60), 1e-4),
-    "without light": np.zeros((40, 60)),
-    "saturated": np.full((40, 60), 1.5),
-    "white square": np.where(DARK_SQUARE == 0, 1.5, 0.2),
-    "black square": DARK_SQUARE,
-    "black and white": np.where(np.indices((40, 60)).sum(axis=0) % 2, 0.4, 0),
-    "black and saturated": np.where(np.indices((40, 60)).sum(axis=0) % 3 == 0, 1.5, 0),
-    "black line": np.where(np.arange(60) == 31, 0, DARK_SQUARE + 0.1),
-    "white noise": np.random.default_rng(1).random((40, 60)),
-    "sharp noise": np.where(np.random.default_rng(1).random((40, 60)) < 0.3, 0.001, 0.4),
-    "half saturated": np.linspace(0, 2, 60) * np.ones((40, 1)),
-}
-
-
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("frames", [60, 400])
-def test_no_scene_has_bad_pixels(scene, frames):
-    dead, stuck = find_bad_pixels(fire(SCENES[scene], frames).sum(axis=0, dtype=np.int64), frames)
-    assert not dead.any()
-    assert not stuck.any()
-
-
-def test_clean_recordings_of_many_cameras_have_no_bad_pixels():
-    """FALSE_FINDS allows 0.4 pixels in these 40 recordings; rates from 0.002 to 0.8, 60 to 1,000 frames."""
-    for seed in range(40):
-        random = np.random.default_rng(seed)
-        rate = float(np.exp(random.uniform(np.log(0.002), np.log(0.8))))
-        picture = make_picture(40, 50, low=0.05, high=1.0, smooth=float(random.choice([1, 2, 5])), seed=seed)
-        frames = int(random.choice([60, 200, 1000]))
-        dead, stuck = find_bad_pixels(
-            fire(rate * picture / picture.mean(), frames, seed=seed).sum(axis=0, dtype=np.int64), frames
-        )
-        assert not dead.any(), seed
-        assert not stuck.any(), seed

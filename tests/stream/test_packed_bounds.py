@@ -19,7 +19,7 @@ from saf_gen.scene.ply_file import validate_ply
 from saf_gen.stream.interop import SpikeArray, array_files
 from saf_gen.stream.interop.array_files import open_array
 from saf_gen.stream.interop.bad_pixels import read_mask
-from saf_gen.stream.interop.spreadsheet import read_sheet
+from saf_gen.stream.interop.saf_folder import read_saf_config
 
 
 def as_npy(array):
@@ -40,11 +40,11 @@ def save_mat(path, spikes):
 
 @pytest.mark.parametrize("write", [np.savez_compressed, save_mat])
 def test_a_dark_recording_that_packs_a_thousand_to_one_is_read(tmp_path, write):
-    dark = np.zeros((600, 100, 200), np.uint8)
+    dark = np.zeros((600, 100, 200), bool)
     path = tmp_path / ("a.npz" if write is np.savez_compressed else "a.mat")
     write(path, spikes=dark)
     assert dark.size > 500 * path.stat().st_size
-    SpikeArray(path, layout="frames", axes="TYX").write(tmp_path / "out.h5", readout_hz=20_000)
+    SpikeArray(path, axes="TYX").write(tmp_path / "out.h5", readout_hz=20_000)
     with saf_gen.open_stream(tmp_path / "out.h5") as stream:
         assert (stream.shape, stream.counts(0, 600).sum()) == (dark.shape, 0)
 
@@ -115,7 +115,7 @@ def test_an_archive_that_lists_one_member_many_times_is_refused(tmp_path):
 def test_a_sheet_that_is_packed_as_no_program_packs_it_is_refused(tmp_path, method):
     """Of bzip2, 3 KB hold gigabytes, and zipfile unpacks them at once."""
     write_zip(tmp_path / "config.xlsx", "xl/worksheets/sheet1.xml", b" " * (1 << 20), method)
-    assert_says(refusal(read_sheet, tmp_path / "config.xlsx"), "packed by method | deflate")
+    assert_says(refusal(read_saf_config, tmp_path), "packed by method | deflate")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Copies and losses of readouts are stated by a table or shown by the spikes; nothing is found in what is complete."""
+"""Copies and losses of readouts are what a table states; without one, all frames are stored."""
 
 import json
 
@@ -8,33 +8,15 @@ from planted_recordings import fire, make_picture
 from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.core import bits
 from saf_gen.stream.cutting import cut_stream
-from saf_gen.stream.interop import Readouts, import_lens_log
-from saf_gen.stream.interop.readouts import find_readouts, read_times, survey
+from saf_gen.stream.interop import Readouts, import_lens_log, source
+from saf_gen.stream.interop.readouts import read_times
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
 HZ, FRAMES = 20_000, 600
 PICTURE = make_picture(60, 80, low=0.08, high=0.4, smooth=3.0)
 SPIKES = fire(PICTURE, FRAMES)
-
-
-class Recording:
-    """Frames in memory as a source."""
-
-    path, origin = None, {}
-
-    def __init__(self, frames):
-        self.frames, self.shape, self.total = frames, frames.shape, len(frames)
-
-    def packed(self, first, stop):
-        return bits.pack_bits(self.frames[first:stop])
-
-
-def shown_by(frames):
-    source = Recording(frames)
-    return find_readouts(source, survey(source))
 
 
 def at_readouts(number):
@@ -46,102 +28,7 @@ def but(lost=(), doubled=()):
     return np.array(sorted([*(n for n in range(FRAMES) if n not in set(lost)), *doubled]))
 
 
-STORED = {
-    "complete": but(),
-    "one copy": but(doubled=[200]),
-    "copies at both ends": but(doubled=[0, FRAMES - 1]),
-    "three of one": but(doubled=[300, 300]),
-    "all twice": np.repeat(np.arange(FRAMES), 2),
-    "half twice": but(doubled=range(0, FRAMES, 2)),
-    "a gap of 5": but(lost=range(300, 305)),
-    "a gap of 20": but(lost=range(300, 320)),
-    "two gaps": but(lost=[*range(150, 162), *range(400, 407)]),
-    "gaps and copies": but(lost=range(300, 309), doubled=[100, 101, 450]),
-    "a copy beside a gap": but(lost=range(300, 309), doubled=[299]),
-}
-
-
-@pytest.mark.parametrize("name", STORED)
-def test_the_spikes_show_copies_and_losses(name):
-    number = STORED[name] - STORED[name][0]
-    np.testing.assert_array_equal(shown_by(at_readouts(STORED[name])).number, number)
-
-
-@pytest.mark.parametrize("frames", [1, 2, 7, 8, 9, 63])
-def test_a_few_frames_are_complete(frames):
-    assert shown_by(SPIKES[:frames]).are_usual
-
-
-def test_the_survey_of_a_long_recording_is_that_of_its_frames():
-    frames = (np.random.default_rng(3).random((4_321, 3, 5)) < 0.4).astype(np.uint8)
-    seen = survey(Recording(frames))
-    np.testing.assert_array_equal(seen.counts, frames.sum(axis=0))
-    np.testing.assert_array_equal(seen.spikes, frames.sum(axis=(1, 2)))
-    np.testing.assert_array_equal(seen.again, (frames[1:] & frames[:-1]).sum(axis=(1, 2)))
-    alike = (frames[:, None] == frames[None, :400]).all(axis=(2, 3))
-    np.testing.assert_array_equal(seen.content[:, None] == seen.content[:400], alike)
-
-
-def lit(rate, gain, *, seed):
-    """Spikes of pixels in changing light, with 2 % of noise and a random first phase."""
-    random = np.random.default_rng(seed)
-    charge, spikes = random.random(rate.shape), np.empty((len(gain), *rate.shape), np.uint8)
-    for frame, g in zip(spikes, gain, strict=True):
-        charge += g * rate + 0.02 * np.sqrt(g * rate) * random.standard_normal(rate.shape)
-        frame[:] = charge >= 1
-        charge = np.minimum(charge - frame, 1)
-    return spikes
-
-
-def gains(frames, random):
-    t = np.arange(frames)
-    return [
-        np.ones(frames),
-        np.linspace(0.2, 2, frames),
-        np.where(t // 40 % 2, 2.0, 0.4),
-        1 + 0.6 * np.sin(2 * np.pi * t / random.uniform(10, 200)),
-        np.where(t % random.integers(20, 90) < random.integers(1, 4), 20.0, 0.8),
-        np.where(t % random.integers(2, 12) < 2, 1.5, 0.1),
-        np.exp(np.cumsum(random.normal(size=frames)) * 0.04),
-    ][random.integers(7)]
-
-
-@pytest.mark.slow
-def test_two_hundred_complete_recordings_show_nothing():
-    """Rates from 0.003 to 1.5 of saturation; steady, ramped, stepped, flickering, flashing, pulsed and random light."""
-    for seed in range(200):
-        random = np.random.default_rng(seed)
-        rate = float(np.exp(random.uniform(np.log(0.003), np.log(1.5))))
-        picture = make_picture(40, 56, low=float(random.choice([0, 0.1, 0.7])), high=1, smooth=2.0, seed=seed)
-        if random.random() < 0.2:
-            picture = np.where(picture > np.median(picture), 1.0, 0.0)
-        frames = int(random.choice([80, 200, 400]))
-        found = shown_by(lit(rate * picture / picture.mean(), gains(frames, random), seed=seed))
-        assert found.are_usual, (seed, found.describe(about=True))
-
-
-def lockstep(*rates):
-    """Spikes without noise of pixels that all begin empty: groups that fire as one."""
-    rate = np.repeat(rates, 400).reshape(len(rates) * 10, 40)
-    return np.diff(np.floor(np.arange(301)[:, None, None] * rate), axis=0).astype(np.uint8)
-
-
-ALIKE = {
-    "dark": np.zeros((300, 20, 40), np.uint8),
-    "saturated": np.ones((300, 20, 40), np.uint8),
-    "half saturated, half dark": np.broadcast_to(np.arange(40) < 20, (300, 20, 40)).astype(np.uint8),
-    "a flash of two readouts": np.isin(np.arange(300), (150, 151))[:, None, None] * np.ones((20, 40), np.uint8),
-    "two groups in turn": lockstep(2 / 3, 1 / 3),
-    "three groups": lockstep(0.52, 0.48, 0.1),
-    "one group": lockstep(0.6),
-    "chance": (np.random.default_rng(5).random((300, 30, 40)) < 0.3).astype(np.uint8),
-    "rare chance": (np.random.default_rng(5).random((300, 30, 40)) < 0.01).astype(np.uint8),
-}
-
-
-@pytest.mark.parametrize("name", ALIKE)
-def test_frames_that_are_alike_for_another_reason_are_not_copies(name):
-    assert shown_by(ALIKE[name]).are_usual
+COPIES_AND_GAPS = but(lost=range(300, 309), doubled=[100, 101, 450])
 
 
 NUMBER = np.repeat([0, 1, 2, 2, 5, 6, 9], [1, 1, 1, 1, 1, 1, 1])
@@ -196,18 +83,20 @@ def test_a_table_that_cannot_be_is_refused(tmp_path, name):
 
 
 def import_stored(call, tmp_path, number, *options):
+    """Import frames of these readouts, with the table that states them."""
     np.save(tmp_path / "a.npy", at_readouts(number))
-    code, out, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--axes", "TYX", *options)
+    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(map(str, number)))
+    asked = ("--axes", "TYX", "--times", tmp_path / "t.csv", *options)
+    code, out, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *asked)
     assert code == 0, err
     return out
 
 
 def test_an_import_keeps_each_readout_once_with_its_number(call, tmp_path):
-    number = STORED["gaps and copies"]
-    out = import_stored(call, tmp_path, number)
+    out = import_stored(call, tmp_path, COPIES_AND_GAPS)
     assert "doubled readouts: 3, left out (frames 101, 103, 444)" in out
-    assert "lost readouts: about 9 in 1 gap (before frame 302)" in out
-    kept = np.unique(number)
+    assert "lost readouts: 9 in 1 gap (before frame 302)" in out
+    kept = np.unique(COPIES_AND_GAPS)
     with open_stream(tmp_path / "a.h5") as stream:
         np.testing.assert_array_equal(stream.frames(0, stream.shape[0]), SPIKES[kept])
         np.testing.assert_array_equal(stream.metadata.readout, kept)
@@ -227,38 +116,36 @@ def test_an_import_keeps_each_readout_once_with_its_number(call, tmp_path):
 
 
 def test_a_complete_recording_holds_no_numbers(call, tmp_path):
-    out = import_stored(call, tmp_path, STORED["complete"])
-    assert "readouts" not in out
+    assert "readouts" not in import_stored(call, tmp_path, but())
     with open_stream(tmp_path / "a.h5") as stream:
         assert stream.metadata.readout is None
         assert stream.content_sha256 == write_stream(tmp_path / "b.h5", SPIKES)
 
 
-def test_a_table_outvotes_the_spikes(call, tmp_path):
-    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(map(str, range(FRAMES + 1))))
-    out = import_stored(call, tmp_path, STORED["one copy"], "--times", tmp_path / "t.csv")
-    assert "copies that the times do not state: 1, kept (frame 201)" in out
+def test_without_a_table_all_frames_are_kept(call, tmp_path):
+    """Also copies, which the spikes show: what is not stated is not changed."""
+    np.save(tmp_path / "a.npy", at_readouts(COPIES_AND_GAPS))
+    assert call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--axes", "TYX")[0] == 0
     with open_stream(tmp_path / "a.h5") as stream:
-        assert stream.shape[0] == FRAMES + 1
-    number = STORED["a gap of 5"]
-    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(map(str, number)))
-    out = import_stored(call, tmp_path, number, "--times", tmp_path / "t.csv")
-    assert "lost readouts: 5 in 1 gap (before frame 300)" in out
+        np.testing.assert_array_equal(stream.frames(0, stream.shape[0]), SPIKES[COPIES_AND_GAPS])
 
 
-def test_frames_that_differ_are_not_one_readout(call, tmp_path):
+@pytest.mark.parametrize("wrong", [70, 400])
+def test_frames_that_differ_are_not_one_readout(call, tmp_path, monkeypatch, wrong):
+    """In the first block of frames, and at the beginning of another one."""
+    monkeypatch.setattr(source, "BLOCK", 400)
     np.save(tmp_path / "a.npy", SPIKES)
-    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(str(k - (k > 70)) for k in range(FRAMES)))
+    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(str(k - (k >= wrong)) for k in range(FRAMES)))
     options = ("--axes", "TYX", "--times", tmp_path / "t.csv")
     code, _, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *options)
     assert code == 2
-    assert "frames 70 and 71 have the same time, but differ" in err
+    assert f"frames {wrong - 1} and {wrong} have the same time, but differ" in err
     assert not (tmp_path / "a.h5").exists()
 
 
 def test_logs_and_truth_follow_the_readouts(call, tmp_path):
     """A lens that moves evenly in time is where it was at each readout, in seconds and in frames of the file."""
-    number = STORED["gaps and copies"]
+    number = COPIES_AND_GAPS
     kept = np.unique(number)
     (tmp_path / "s.csv").write_text(f"seconds,position\n{0.5 / HZ},0\n{(FRAMES - 0.5) / HZ},1\n")
     rows = "".join(f"{k},{number[k] / (FRAMES - 1)}\n" for k in (0, 99, 299, 301, 302, 440, 593))

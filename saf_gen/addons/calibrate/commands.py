@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from saf_gen.addons.calibrate.recordings import Recording
 
 Report = Callable[[str, float], None]
-Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
+Layout = Annotated[str | None, typer.Option(help="Layout of raw files, which do not state it: 416, dense or sps1000.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not contain it.")]
 
 
@@ -38,7 +38,7 @@ def fit_command(
     ] = None,
     base: Annotated[str, typer.Option(help="Sensor with the values that flat fields do not give.")] = "vidar_400x250",
     folder: OutFolder = None,
-    layout: Layout = "auto",
+    layout: Layout = None,
     rate: Rate = 20_000.0,
 ) -> None:
     """Fit a sensor to flat fields and a dark recording; write its file with intervals, plots, and a mask of bad pixels.

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop import import_raw_frames, recognise
+from saf_gen.stream.interop import import_raw_frames, state_layout
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES
 
@@ -68,7 +68,9 @@ class StreamRecording:
 
 
 @contextmanager
-def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float = 20_000) -> Iterator[StreamRecording]:
+def open_recording(
+    path: str | Path, *, layout: str | None = None, readout_hz: float = 20_000
+) -> Iterator[StreamRecording]:
     """Open a stream file (.h5 or .hdf5) or a file of raw frames of other software (any other ending) as a recording.
 
     Raw frames are first converted to a temporary stream.
@@ -77,8 +79,8 @@ def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float 
     ----------
     path : str or Path
         The file.
-    layout : str, default "auto"
-        Layout of raw frames, a name of :data:`saf_gen.stream.interop.RAW_LAYOUTS`; ``auto`` derives it from the file.
+    layout : str, optional
+        Layout of raw frames, a name of :data:`saf_gen.stream.interop.RAW_LAYOUTS`, which they do not state.
     readout_hz : float, default 20000
         Readouts per second of raw frames, which do not record it.
 
@@ -90,7 +92,7 @@ def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float 
     Raises
     ------
     BadInput
-        If the file is missing, is neither a stream nor raw frames, or is a sensor file.
+        If the file is missing, is neither a stream nor raw frames, is a sensor file, or is raw without a layout.
     """
     path = Path(path)
     if path.suffix in (".h5", ".hdf5"):
@@ -103,7 +105,7 @@ def open_recording(path: str | Path, *, layout: str = "auto", readout_hz: float 
         raise BadInput("there is no such file", where=str(path), allowed="a stream (.h5) or raw frames (.dat)")
     with TemporaryDirectory(prefix="saf-gen-") as folder:
         converted = Path(folder) / "recording.h5"
-        kind, order = recognise(path, layout=None if layout == "auto" else layout)
+        kind, order = state_layout(path, layout=layout, size=None, order=None)
         import_raw_frames(path, converted, layout=kind.name, order=order, readout_hz=readout_hz)
         with open_stream(converted) as stream:
             yield StreamRecording(stream, path.name)

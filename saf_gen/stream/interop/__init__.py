@@ -1,7 +1,7 @@
 """Import and export of the file layouts of other software."""
 
 from saf_gen.stream.interop.array_files import ENDINGS as ARRAY_ENDINGS
-from saf_gen.stream.interop.examine import Examination, examine
+from saf_gen.stream.interop.bad_pixels import read_mask
 from saf_gen.stream.interop.lens_log import describe_coverage, import_lens_log, import_light_log, truth_from_text
 from saf_gen.stream.interop.raw_frames import (
     RAW_LAYOUTS,
@@ -11,10 +11,11 @@ from saf_gen.stream.interop.raw_frames import (
     count_raw_frames,
     export_raw_frames,
     find_layout,
+    fitting_layouts,
     import_raw_frames,
-    recognise,
+    state_layout,
 )
-from saf_gen.stream.interop.readouts import Readouts
+from saf_gen.stream.interop.readouts import Readouts, read_times
 from saf_gen.stream.interop.source import Source, write_source
 from saf_gen.stream.interop.spike_array import SpikeArray
 
@@ -22,7 +23,6 @@ __all__ = [
     "ARRAY_ENDINGS",
     "RAW_LAYOUTS",
     "READERS",
-    "Examination",
     "RawFrames",
     "RawLayout",
     "Readouts",
@@ -30,13 +30,15 @@ __all__ = [
     "SpikeArray",
     "count_raw_frames",
     "describe_coverage",
-    "examine",
     "export_raw_frames",
     "find_layout",
+    "fitting_layouts",
     "import_lens_log",
     "import_light_log",
     "import_raw_frames",
-    "recognise",
+    "read_mask",
+    "read_times",
+    "state_layout",
     "truth_from_text",
     "write_source",
 ]

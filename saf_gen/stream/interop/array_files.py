@@ -8,24 +8,29 @@ the bytes that an array states must be in the file.
 
 import os
 import struct
+import subprocess
+import sys
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from tokenize import TokenError
 from typing import IO, Any, Protocol
+from warnings import catch_warnings
 
 import numpy as np
 
 from saf_gen.core.files import HDF5_SIGNATURE
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.matlab_arrays import MatlabSlices, list_arrays
 
 ENDINGS = (".npy", ".npz", ".mat")
 MAX_CHUNK_BYTES = 64 << 20
 """Largest chunk of a MATLAB file of version 7.3; HDF5 always decompresses complete chunks."""
+MAX_OLD_MATLAB_BYTES = 400 << 20
+"""Largest array of a MATLAB file before version 7.3, which is always read completely."""
 MAX_SLICE_BYTES = 128 << 20
 """Largest slice along the first axis of a packed array, of which one is always read completely."""
 MAX_DEFLATED = 1_100
@@ -35,6 +40,18 @@ DAMAGE = (
     *(SyntaxError, TokenError, NotImplementedError, zipfile.BadZipFile, zlib.error, struct.error),
 )
 """Exceptions that the libraries raise for damaged files, depending on where the damage is."""
+
+
+_MATLAB_BYTES = {"double": 8, "single": 4, "logical": 1} | {
+    f"{sign}int{8 * size}": size for sign in ("", "u") for size in (1, 2, 4, 8)
+}
+"""Bytes of the real numbers of MATLAB, by class."""
+_LOAD = """
+import sys, numpy, scipy.io
+path, name, kind, out = sys.argv[1:]
+values = scipy.io.loadmat(path, appendmat=False, variable_names=[name])[name]
+numpy.save(out, values != 0 if kind == "logical" else values)
+"""
 
 
 class SlicedArray(Protocol):
@@ -75,7 +92,9 @@ def open_array(path: str | os.PathLike[str], *, key: str | None = None, axes: in
         else:
             with where.open("rb") as file:
                 is_hdf5 = _is_hdf5(file.read(1024))
-            packed = (_HdfArray if is_hdf5 else _OldMatlabArray)(where, key=key, axes=axes)
+            if not is_hdf5:
+                return _read_old_matlab(where, key=key, axes=axes)
+            packed = _HdfArray(where, key=key, axes=axes)
         if (size := prod(packed.shape[1:]) * packed.dtype.itemsize) > MAX_SLICE_BYTES:
             raise BadInput(
                 f"the array has the shape {packed.shape}, of which one slice takes {size:,} bytes", where=str(path),
@@ -84,16 +103,14 @@ def open_array(path: str | os.PathLike[str], *, key: str | None = None, axes: in
         return packed
 
 
-def open_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo | str) -> IO[bytes]:
-    """Return a file of a zip archive, which is unpacked as it is read.
+def check_packing(member: zipfile.ZipInfo) -> zipfile.ZipInfo:
+    """Return a member of a zip archive; raise ValueError unless it is stored or deflated, as by NumPy and spreadsheets.
 
-    Raises ValueError unless it is stored or deflated, as by NumPy and spreadsheets: of other methods, zipfile unpacks
-    4 KiB at once, which may hold gigabytes.
+    Of other methods, zipfile unpacks 4 KiB at once, which may hold gigabytes.
     """
-    info = archive.getinfo(member) if isinstance(member, str) else member
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError(f"{info.filename} is packed by method {info.compress_type}; allowed: 0 and 8 (deflate)")
-    return archive.open(info)
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{member.filename} is packed by method {member.compress_type}; allowed: 0 and 8 (deflate)")
+    return member
 
 
 @contextmanager
@@ -136,7 +153,7 @@ class _ArchivedArray:
             raise ValueError("several of its members are one and the same")
         for info in members:
             if info.filename.endswith(".npy"):
-                with open_member(self._archive, info) as file:
+                with self._archive.open(check_packing(info)) as file:
                     headers[info.filename.removesuffix(".npy")] = (*_read_header(file), info)
         self.name = name = _choose_array({n: h[0] for n, h in headers.items()}, key, axes=axes, where=str(path))
         self.shape, in_columns, self.dtype, self._begin, self._info = headers[name]
@@ -214,15 +231,35 @@ def _is_safely_stored(item: Any) -> bool:
     return plain and prod(item.chunks or (1,)) * item.dtype.itemsize <= MAX_CHUNK_BYTES
 
 
-class _OldMatlabArray:
-    """An array of a MATLAB file of version 5 to 7.2, with its last axis first."""
+def _read_old_matlab(path: Path, *, key: str | None, axes: int) -> np.ndarray:
+    """Return an array of a MATLAB file of version 5 to 7.2, with its last axis first, by a copy in a temporary file.
 
-    def __init__(self, path: Path, *, key: str | None, axes: int) -> None:
-        listed = list_arrays(path)
-        name = _choose_array({n: array.dimensions for n, array in listed.items()}, key, axes=axes, where=str(path))
-        self._path, self._slices = path, MatlabSlices(path, listed[name])
-        self.shape, self.dtype = self._slices.shape, self._slices.dtype
+    It is read in a process of its own, because a damaged file can crash scipy's reader.
+    """
+    from scipy.io import matlab, whosmat
 
-    def __getitem__(self, span: slice) -> np.ndarray:
-        with _report_damage(self._path):
-            return self._slices[span]
+    try:
+        with path.open("rb") as file, catch_warnings(action="error", category=matlab.MatReadWarning):
+            if matlab.matfile_version(file)[0] != 1:
+                raise ValueError("it is not a MATLAB file of version 5 to 7.3")
+            listed = {name: (shape, kind) for name, shape, kind in whosmat(file) if kind in _MATLAB_BYTES}
+    except (matlab.MatReadError, matlab.MatReadWarning) as error:
+        raise ValueError(str(error)) from error
+    name = _choose_array({n: shape for n, (shape, _) in listed.items()}, key, axes=axes, where=str(path))
+    shape, kind = listed[name]
+    if (size := prod(shape) * _MATLAB_BYTES[kind]) > MAX_OLD_MATLAB_BYTES:
+        raise BadInput(
+            f"{name} has {size:,} bytes", where=str(path), allowed=f"at most {MAX_OLD_MATLAB_BYTES:,}",
+            hint="save it with -v7.3, which is read in parts",
+        )  # fmt: skip
+    with TemporaryDirectory(prefix="saf-gen-") as folder:
+        out = Path(folder) / "array.npy"
+        run = subprocess.run(
+            [sys.executable, "-W", "error", "-c", _LOAD, str(path), name, kind, str(out)],
+            capture_output=True,
+            text=True,
+        )
+        if run.returncode:
+            raise ValueError((run.stderr.strip() or "its reader crashed").splitlines()[-1])
+        array = np.load(out, mmap_mode="r")
+    return np.moveaxis(array, -1, 0)

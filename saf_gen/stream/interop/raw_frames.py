@@ -18,7 +18,6 @@ import numpy as np
 from saf_gen.core import bits
 from saf_gen.core.files import atomic_file, check_apart, name_as_text
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.interop.evidence import CYCLE, bit_order, frame_bits, row_match
 from saf_gen.stream.interop.source import write_source
 from saf_gen.stream.metadata import MAX_PIXELS
 from saf_gen.stream.stream_file import open_stream
@@ -57,11 +56,6 @@ class RawLayout:
         index = self.bit_index(self.rows - 1 - y if flip else y, x)
         return index ^ 7 if order == "msb" else index
 
-    @property
-    def plane(self) -> np.ndarray:
-        """Index of the bit of each pixel, int (rows, columns), in the order of the file."""
-        return self.bit_indices(False).reshape(self.rows, self.columns)
-
 
 def dense_layout(rows: int, columns: int) -> RawLayout:
     """Return the layout of frames without gaps; raise BadInput if a frame does not fill its bytes or is too large."""
@@ -86,10 +80,6 @@ READERS = {"saf": "416", "rsir": "416", "spikecv": "dense", "spike-zoo": "dense"
 BIT_ORDERS = ("lsb", "msb")
 """Orders of the pixels in a byte: the first in the least or in the most significant bit."""
 
-_SAMPLED_BLOCKS, _SAMPLED_FRAMES = 12, 96  # examined for evidence; a block is two halves of whole cycles
-_SEGMENTS, _SEGMENT_BYTES = 4, (1 << 18, 1 << 20)  # in which the size of a frame is looked for
-_MIN_LEAD = 0.01  # by which the rows of one size match better than those of another
-_GAP_SPIKES = 500  # spikes in a file without which empty gaps say nothing: 2 of 52 bytes would escape all of them
 _CONTAINERS = {
     b"\x89HDF": "an HDF5 file", b"\x93NUMPY": "a .npy file", b"PK\x03\x04": "a zip or .npz file",
     b"MATLAB 5": "a .mat file", b"\x1f\x8b\x08": "a gzip file", b"\x89PNG": "a picture", b"\xff\xd8\xff": "a picture",
@@ -115,140 +105,38 @@ def find_layout(name: str, *, size: tuple[int, int] | None = None) -> RawLayout:
     return dense_layout(*size)
 
 
-def recognise(
-    source: str | os.PathLike[str],
-    *,
-    layout: str | None = None,
-    size: tuple[int, int] | None = None,
-    order: str | None = None,
-) -> tuple[RawLayout, str]:
-    """Return the layout and the order of bits of a file of raw frames: what is given, or what the file shows.
+def fitting_layouts(source: str | os.PathLike[str]) -> list[RawLayout]:
+    """Return the layouts of RAW_LAYOUTS of which a file holds whole frames, which many other layouts fit as well.
 
-    The length of a file shows nothing, since many sizes have the same length. Layout 416 is shown by its gaps, if they
-    are empty throughout the file; its bits are then in the usual order, unless the picture shows the opposite. Other
-    layouts, and frames without gaps of any size, are shown by :func:`saf_gen.stream.interop.evidence.row_match`, and
-    the order of bits by :func:`saf_gen.stream.interop.evidence.bit_order`.
-
-    Parameters
-    ----------
-    source : str or Path
-        File of raw frames.
-    layout : str, optional
-        Name of the layout, which says that the least significant bit is first; this is refused if the file shows the
-        opposite.
-    size : tuple of (int, int), optional
-        Rows and columns of a frame without gaps.
-    order : str, optional
-        ``lsb`` or ``msb``.
-
-    Returns
-    -------
-    layout : RawLayout
-        The layout.
-    order : str
-        ``lsb`` or ``msb``.
-
-    Raises
-    ------
-    BadInput
-        If the file is of another kind, does not hold whole frames, or does not show what is not given.
+    Raises BadInput if the file is missing, is empty or is of another kind.
     """
-    path = Path(source)
-    file_size = _file_size(path)
-    if order not in (None, *BIT_ORDERS):
-        raise unknown("order of bits", order, allowed=BIT_ORDERS)
-    if layout is not None or size is not None:
-        known = find_layout(layout or "dense", size=size)
-        _frame_count(path, known, frames=None)
-        shown = order if order is not None else _shown_order(path, known)
-        if order is None and (shown == "msb" if layout is not None else shown is None):
-            found = "look as if the most significant is first" if shown else "show no order, for want of texture"
-            raise BadInput(f"the bits of a byte {found}", where=str(source), allowed="--bits lsb or --bits msb")
-        return known, "lsb" if shown is None else shown
-    fitting = [of for of in RAW_LAYOUTS.values() if file_size % of.frame_bytes == 0]
-    gaps = [of for of in fitting if of.name == "416" and _has_empty_gaps(path, of)]
-    alike = gaps or [of for of in fitting if _match(_sample(path, of), of)] or _find_sizes(path)
-    its_order = order or (_shown_order(path, alike[0]) if len(alike) == 1 else None) or ("lsb" if gaps else None)
-    if len(alike) == 1 and its_order is not None:
-        return alike[0], its_order
-    if len(alike) == 1:
+    size = _file_size(Path(source))
+    return [of for of in RAW_LAYOUTS.values() if size % of.frame_bytes == 0]
+
+
+def state_layout(
+    source: str | os.PathLike[str], *, layout: str | None, size: tuple[int, int] | None, order: str | None
+) -> tuple[RawLayout, str]:
+    """Return the layout and the order of bits of a file of raw frames, which says neither, from what a user states.
+
+    A named layout has the least significant bit first, unless ``order`` says otherwise; a size alone states no order.
+
+    Raises BadInput if the file is missing or is of another kind, if something is not stated, or if it does not fit.
+    """
+    if layout is None and size is None:
+        named = [f"--layout {of.name} ({of.columns}x{of.rows})" for of in fitting_layouts(source)]
         raise BadInput(
-            f"looks like frames of {alike[0].columns}x{alike[0].rows}, but shows no order of bits",
-            where=str(source),
-            allowed="--bits lsb or --bits msb",
-        )
-    if not fitting:
-        each = ", ".join(f"{of.frame_bytes} bytes ({of.name}, {of.columns}x{of.rows})" for of in RAW_LAYOUTS.values())
-        raise BadInput(
-            f"its {file_size} bytes fit no known layout", where=str(source), allowed=f"whole frames of {each}",
-            hint="state the size of a frame without gaps, as in --size 600x400, or look for a header or a lost end",
+            "raw frames do not say how they are stored", where=str(source),
+            allowed="--layout 416, dense or sps1000, or --size and --bits, as in --size 600x400 --bits lsb",
+            hint=f"layouts that fit the length, which proves nothing: {', '.join(named) or 'none'}",
         )  # fmt: skip
-    named = " or ".join(
-        f"--layout {of.name} ({file_size // of.frame_bytes} frames of {of.columns}x{of.rows})" for of in fitting
-    )
-    raise BadInput(
-        f"shows no layout; its length of {file_size} bytes proves nothing",
-        where=str(source),
-        allowed="a picture that shows how it is stored, or options that say it",
-        hint=f"add {named}, or the size of a frame without gaps, as in --size 600x400 --bits lsb",
-    )
-
-
-def _find_sizes(path: Path) -> list[RawLayout]:
-    """Return the sizes of frames without gaps that a file shows: one, if the evidence is clear."""
-    size = path.stat().st_size
-    for length in _SEGMENT_BYTES:
-        segment = min(length, size)
-        starts = sorted({n * (size - segment) // (_SEGMENTS - 1) for n in range(_SEGMENTS)})
-        found = frame_bits(np.fromfile(path, np.uint8, segment, offset=first) for first in starts)
-        if found is not None and found % 8 == 0 and 8 * size % found == 0 and found <= MAX_PIXELS:
-            counts = _sample(path, dense_layout(1, found))
-            widths = (width for width in range(8, found // 8 + 1) if found % width == 0)
-            layouts = [dense_layout(found // width, width) for width in widths]
-            matches = sorted(((_match(counts, of), of.columns, of) for of in layouts), reverse=True)
-            return [of for match, _, of in matches if match > max(0.0, matches[0][0] - _MIN_LEAD)]
-    return []
-
-
-def _match(counts: np.ndarray, of: RawLayout) -> float:
-    """Return how well the counts of each bit look like a picture of this layout, in either order of bits; 0 if not."""
-    return max(row_match(counts[..., of.plane]), row_match(counts[..., of.plane ^ 7]))
-
-
-def _sample(path: Path, of: RawLayout) -> np.ndarray:
-    """Return the counts of each bit in some frames, (2, CYCLE, bits): their halves, by the frame modulo CYCLE."""
-    total = path.stat().st_size // of.frame_bytes
-    half = min(_SAMPLED_FRAMES, total) // (2 * CYCLE)  # cycles
-    counts = np.zeros((2, CYCLE, 8 * of.frame_bytes), np.uint32)
-    if half == 0:
-        return counts
-    length = 2 * half * CYCLE
-    blocks = min(_SAMPLED_BLOCKS, total // length)
-    for block in range(blocks):
-        first = block * (total - length) // max(blocks - 1, 1) // CYCLE * CYCLE
-        raw = np.fromfile(path, np.uint8, length * of.frame_bytes, offset=first * of.frame_bytes)
-        frames = raw.reshape(2, half, CYCLE, of.frame_bytes)
-        for part in range(2):
-            for number in range(CYCLE):
-                spikes = np.unpackbits(frames[part, :, number], axis=-1, bitorder="little")
-                counts[part, number] += spikes.sum(axis=0, dtype=np.uint32)
-    return counts
-
-
-def _shown_order(path: Path, of: RawLayout) -> str | None:
-    return bit_order(_sample(path, of).sum(axis=(0, 1)), of.plane)
-
-
-def _has_empty_gaps(path: Path, of: RawLayout) -> bool:
-    """Return whether all bytes that layout 416 ignores are 0 in the whole file, which has enough spikes to tell."""
-    spikes = 0
-    with path.open("rb") as file:
-        while (raw := np.fromfile(file, np.uint8, _FRAMES * of.frame_bytes)).size:
-            rows = raw[: raw.size // 52 * 52].reshape(-1, 52)
-            if rows[:, 50:].any():
-                return False
-            spikes += int(np.bitwise_count(rows).sum()) if spikes < _GAP_SPIKES else 0
-    return spikes >= _GAP_SPIKES
+    if layout is None and order is None:
+        raise BadInput(
+            "a size does not say which bit of a byte is first", where=str(source), allowed="--bits lsb or --bits msb"
+        )
+    known = find_layout(layout or "dense", size=size)
+    count_raw_frames(Path(source), known)
+    return known, order or "lsb"
 
 
 def _file_size(source: Path) -> int:
@@ -274,23 +162,17 @@ def _file_size(source: Path) -> int:
     return size
 
 
-def count_raw_frames(source: str | os.PathLike[str], layout: RawLayout, *, frames: int | None = None) -> int:
+def count_raw_frames(source: Path, layout: RawLayout, *, frames: int | None = None) -> int:
     """Return the number of frames to read from a file: ``frames``, or all if that is None.
 
     Raises BadInput if the file cannot be read, is of another kind, does not hold a whole number of frames, or has fewer
     than ``frames`` frames.
     """
-    return _frame_count(Path(source), layout, frames=frames)
-
-
-def _frame_count(source: Path, layout: RawLayout, *, frames: int | None) -> int:
     size = _file_size(source)
     each = layout.frame_bytes
     if size % each:
         fitting = [
-            f"{of.name} ({size // of.frame_bytes} frames of {of.columns}x{of.rows})"
-            for of in RAW_LAYOUTS.values()
-            if size % of.frame_bytes == 0
+            f"{of.name} ({size // of.frame_bytes} frames of {of.columns}x{of.rows})" for of in fitting_layouts(source)
         ]
         raise BadInput(
             f"its {size} bytes are {size // each} frames of {each} bytes and {size % each} more bytes",
@@ -326,8 +208,8 @@ class RawFrames:
         if order not in BIT_ORDERS:
             raise unknown("order of bits", order, allowed=BIT_ORDERS)
         self.path, self.layout = Path(path), layout
-        self.total = _frame_count(self.path, layout, frames=None)
-        self.shape = (_frame_count(self.path, layout, frames=frames), layout.rows, layout.columns)
+        self.total = count_raw_frames(self.path, layout)
+        self.shape = (count_raw_frames(self.path, layout, frames=frames), layout.rows, layout.columns)
         flipped = layout.flip if flip is None else bool(flip)
         self._bit = layout.bit_indices(flipped, order=order)
         usual = RAW_LAYOUTS[layout.name]

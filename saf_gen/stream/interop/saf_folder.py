@@ -2,22 +2,26 @@
 
 import json
 import re
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
+from warnings import catch_warnings
 
 import numpy as np
 
 from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
+from saf_gen.stream.interop.array_files import DAMAGE, check_packing
 from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, count_raw_frames, import_raw_frames
-from saf_gen.stream.interop.spreadsheet import read_sheet
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import check_replaceable, open_stream
 
 CONFIG = "config.xlsx"
 COLUMNS = ("id", "scene name", "frames", "focal frame", "dt", "path")
 LAYOUT = "416"
+MAX_SHEET_BYTES, MAX_SHEET_ROWS = 8 << 20, 10_000
+"""Largest parts of the spreadsheet after decompression, all together, and most rows of its first sheet."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
             where=str(folder),
             allowed="a file of raw frames, an array file, or SAF's folder of recordings",
         )
-    table = read_sheet(root / CONFIG)
+    table = _read_sheet(root / CONFIG)
     rows = [(number, row) for number, row in enumerate(table, start=1) if any(cell.strip() for cell in row)]
     if rows and not _is_whole_number(rows[0][1][2] if len(rows[0][1]) > 2 else ""):
         rows = rows[1:]  # the heading
@@ -83,6 +87,29 @@ def read_saf_config(folder: str | Path) -> list[SafRecording]:
             )
         names.add(recording.name)
     return list(found.values())
+
+
+def _read_sheet(path: Path) -> list[list[str]]:
+    """Return the first columns of the first sheet as text; an empty cell is ''."""
+    from openpyxl import load_workbook
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(check_packing(member).file_size for member in archive.infolist())
+        if size > MAX_SHEET_BYTES:
+            raise ValueError(f"it unpacks to {size:,} bytes; allowed: {MAX_SHEET_BYTES:,}")
+        with catch_warnings(action="ignore"):  # of styles and other things that are not read
+            book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
+            cells = book.worksheets[0].iter_rows(
+                min_col=1, max_col=len(COLUMNS), max_row=MAX_SHEET_ROWS + 1, values_only=True
+            )
+            rows = [["" if cell is None else str(cell) for cell in row] for row in cells]
+            book.close()
+        if len(rows) > MAX_SHEET_ROWS:
+            raise ValueError(f"it has more than {MAX_SHEET_ROWS:,} rows")
+    except DAMAGE as error:
+        raise BadInput(f"cannot be read: {error}", where=str(path), allowed="a spreadsheet (.xlsx)") from error
+    return rows
 
 
 def _is_whole_number(text: str) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from saf_gen.core import bits
 from saf_gen.core.files import check_apart
+from saf_gen.errors import BadInput
 from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -45,13 +46,10 @@ class Source(Protocol):
         ...
 
 
-def blocks(source: Source, frames: int = BLOCK) -> Iterator[np.ndarray]:
-    """Yield the packed spikes of so many frames each, uint8 (H, W, bytes); the last block may be shorter.
-
-    ``frames`` is a multiple of 8.
-    """
-    for first in range(0, source.shape[0], frames):
-        yield source.packed(first, min(first + frames, source.shape[0]))
+def blocks(source: Source) -> Iterator[np.ndarray]:
+    """Yield the packed spikes of BLOCK frames each, uint8 (H, W, bytes); the last block may be shorter."""
+    for first in range(0, source.shape[0], BLOCK):
+        yield source.packed(first, min(first + BLOCK, source.shape[0]))
 
 
 def write_source(
@@ -92,11 +90,19 @@ def write_source(
 
 
 def _chosen(source: Source, kept: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the packed spikes of some frames, whole bytes at a time."""
-    waiting = np.empty((0, *source.shape[1:]), np.uint8)
+    """Yield the packed spikes of some frames, whole bytes at a time; raise BadInput if a frame left out is no copy."""
+    waiting = last = np.empty((0, *source.shape[1:]), np.uint8)
     for number, packed in enumerate(blocks(source)):
         chosen = kept[number * BLOCK : (number + 1) * BLOCK]
-        waiting = np.concatenate([waiting, unpack(packed, chosen.size)[chosen]])
+        frames = _unpack(packed, chosen.size)
+        for at in np.flatnonzero(~chosen).tolist():
+            if not np.array_equal(frames[at], frames[at - 1] if at else last):
+                frame = number * BLOCK + at
+                raise BadInput(
+                    f"frames {frame - 1} and {frame} have the same time, but differ", where=str(source.path),
+                    allowed="a time for each readout", hint="give the times more digits",
+                )  # fmt: skip
+        waiting, last = np.concatenate([waiting, frames[chosen]]), frames[-1]
         whole = len(waiting) // 8 * 8
         if whole:
             yield bits.pack_bits(waiting[:whole])
@@ -105,7 +111,7 @@ def _chosen(source: Source, kept: np.ndarray) -> Iterator[np.ndarray]:
         yield bits.pack_bits(waiting)
 
 
-def unpack(packed: np.ndarray, frames: int) -> np.ndarray:
+def _unpack(packed: np.ndarray, frames: int) -> np.ndarray:
     """Return frames, uint8 (frames, h, w) of 0 and 1, of packed spikes, uint8 (h, w, bytes)."""
     out = np.empty((frames, *packed.shape[:2]), np.uint8)
     bits.unpack_bits(np.ascontiguousarray(packed.transpose(2, 0, 1)), out, first=0)

@@ -14,6 +14,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import measure_input, wanted_form
+from saf_gen.stream.metadata import KINDS as RECORDED
 from saf_gen.stream.metadata import ReadableStream
 
 KINDS = {
@@ -91,7 +92,7 @@ def choose_windows(
     """
     if kind not in KINDS:
         raise unknown("kind of picture", kind, allowed=KINDS)
-    if kind != "tfp" and stream.counted != "spikes":
+    if kind != "tfp" and stream.counted not in RECORDED:
         raise BadInput(
             f"pictures {kind} of a recording of {stream.counted}", where=str(stream.path),
             allowed="tfp, the sum of a window",

@@ -194,7 +194,7 @@ def test_a_fit_writes_a_mask_of_planted_pixels_that_import_takes(recordings, fit
     assert str(mask) in shown
     np.testing.assert_array_equal(np.load(mask), planted)
     np.save(tmp_path / "a.npy", spikes[:800])
-    code, shown, _ = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", "--mask", mask)
+    code, shown, _ = call("import", tmp_path / "a.npy", "--axes", "TYX", "--out", tmp_path / "a.h5", "--mask", mask)
     assert code == 0
     assert "mask: 4 bad pixels, filled in counts and pictures" in shown
     assert fit(*("dim.h5", "bright.h5"), dark=recordings / "dark.h5", name="mine")[0] == 0

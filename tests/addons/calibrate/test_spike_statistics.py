@@ -74,8 +74,8 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
         for block in blocks:
             stream.write(block)
     export_raw_frames(tmp_path / "flat.h5", tmp_path / "flat.dat", layout="416")
-    for name in ("flat.h5", "flat.dat"):
-        with open_recording(tmp_path / name) as recording:
+    for name, layout in (("flat.h5", None), ("flat.dat", "416")):
+        with open_recording(tmp_path / name, layout=layout) as recording:
             assert (recording.shape, recording.readout_hz) == (encoded.shape, encoded.readout_hz)
             assert all(np.array_equal(there, here) for there, here in zip(recording.blocks(), blocks, strict=True))
     assert all(np.array_equal(again, here) for again, here in zip(encoded.blocks(), blocks, strict=True))
