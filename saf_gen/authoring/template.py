@@ -12,7 +12,7 @@ import numpy as np
 
 from saf_gen.authoring.mesh_scene import is_mesh, scene_of_mesh
 from saf_gen.core.files import rename_durably, temporary_folder, unwritable
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput
 from saf_gen.scene.obj_file import counts_from_the_end, with_positive_indices
 from saf_gen.scene.picture_card import FOLDER, MIN_PICTURES
 from saf_gen.scene.ply_file import is_ply, triangulated_ply
@@ -31,8 +31,6 @@ EXPORTED_SOURCE = """# NAME
 Copied from an exported scene by `saf-gen scenes new --from`.
 For each mesh and texture, state here who made it, where it is from, its licence, and what was changed.
 """
-VALUES = ("linear", "srgb")
-"""How the values of pictures may stand for light."""
 YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML does not read these as text
 
 
@@ -139,7 +137,8 @@ def scene_from_pictures(
     name: str,
     *,
     root: Path,
-    values: str,
+    linear: bool = False,
+    transfer: str | None = None,
     licence: str,
     step_um: float | None = None,
     box: tuple[int, int, int, int] | None = None,
@@ -154,8 +153,10 @@ def scene_from_pictures(
         Name of the new scene.
     root : Path
         Folder of scene folders.
-    values : {'linear', 'srgb'}
-        How their values stand for light.
+    linear : bool, default False
+        Whether their values are linear light, as those of OpenEXR are.
+    transfer : {'srgb', 'bt709'}, optional
+        The curve by which their values stand for light otherwise; needed where the files do not state it.
     licence : str
         SPDX identifier of the licence of the pictures.
     step_um : float, optional
@@ -169,15 +170,10 @@ def scene_from_pictures(
         If the pictures cannot be read or are fewer than three, if what is stated is not allowed or contradicts their
         tags, or if the name cannot be used. In these cases, no file is left behind.
     """
-    # Readers that other scenes do not need.
-    from saf_gen.stream.interop.linear_light import SRGB
-    from saf_gen.stream.interop.picture_frames import open_pictures
+    from saf_gen.stream.interop.picture_frames import open_pictures  # readers that other scenes do not need
 
-    if values not in VALUES:
-        raise unknown("values", values, allowed=VALUES, hint="JPEG and pictures to be looked at are srgb")
-    frames = open_pictures(pictures, linear=values == "linear")
-    if values == "srgb" and frames.transfer is not SRGB:
-        raise BadInput(f"its tags say: {frames.transfer.name}", where=str(pictures), allowed="--values linear, or sRGB")
+    frames = open_pictures(pictures, linear=linear, transfer=transfer)
+    frames.check_stated()
     stated = {"step_um": step_um, "box": None if box is None else list(box)}
     card = {
         "id": name, "title": name, "licence": licence, "source": f"pictures {pictures.name}",

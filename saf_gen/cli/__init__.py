@@ -60,7 +60,7 @@ FILES = (
 COMMANDS = {words: command for file in FILES for words, command in file.COMMANDS.items()}
 GROUPS = {
     "recipes": "List and check recipes.",
-    "methods": "List focus measures and searches, show one in full, or check a method.",
+    "methods": "List and show measures and searches; check a method.",
     "leaderboard": "Merge evaluations into one ranking, and verify rows.",
     "dataset": "Make a dataset from existing streams.",
     "scenes": "List, create, check and draw scenes.",

@@ -59,6 +59,10 @@ ClusterAddress = Annotated[
     str | None, typer.Option("--cluster", help="Address of a Dask scheduler to run on, such as tcp://host:8786.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Transfer = Annotated[
+    str | None, typer.Option(help="How values stand for light, where the file does not say: srgb or bt709.")
+]
+Linear = Annotated[bool, typer.Option("--linear", help="Values are linear light.")]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder to write to.")]
 
 

@@ -9,7 +9,17 @@ import typer
 from rich.text import Text
 
 from saf_gen.cli._tables import print_facts, print_json, print_table
-from saf_gen.cli._terminal import LEVEL_STYLES, AsJson, ClusterAddress, err, out, print_error, progress_bars
+from saf_gen.cli._terminal import (
+    LEVEL_STYLES,
+    AsJson,
+    ClusterAddress,
+    Linear,
+    Transfer,
+    err,
+    out,
+    print_error,
+    progress_bars,
+)
 from saf_gen.cli.command import Command, Panel
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput, SafGenError, escape_controls
@@ -117,7 +127,8 @@ def from_pictures_command(
     *,
     name: Annotated[str, typer.Option(help="Name of the scene: lower-case letters, digits and _.")],
     licence: Annotated[str, typer.Option(help="SPDX identifier of the licence of the pictures.")],
-    values: Annotated[str, typer.Option(help="How values stand for light: linear or srgb.")],
+    linear: Linear = False,
+    transfer: Transfer = None,
     step_um: Annotated[
         float | None, typer.Option(help="Distance of the focus between two pictures, µm, if it is known.")
     ] = None,
@@ -134,7 +145,9 @@ def from_pictures_command(
 
     root = Path("scenes")
     empty = not any(root.glob("*"))
-    made = scene_from_pictures(pictures, name, root=root, values=values, licence=licence, step_um=step_um, box=box)
+    made = scene_from_pictures(
+        pictures, name, root=root, linear=linear, transfer=transfer, licence=licence, step_um=step_um, box=box
+    )
     for path in made:
         out.print(str(path), soft_wrap=True)
     _trust(root, empty=empty)
@@ -327,8 +340,8 @@ COMMANDS = {
     "scenes from-pictures": Command(
         from_pictures_command,
         (
-            "scenes from-pictures weave --name weave --licence MIT --values linear",
-            "scenes from-pictures exr --name cells --licence MIT --values linear",
+            "scenes from-pictures weave --name weave --licence MIT --transfer srgb",
+            "scenes from-pictures exr --name cells --licence MIT",
         ),
         Panel.SCENES,
     ),

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from saf_gen.cli._tables import print_facts, print_json
-from saf_gen.cli._terminal import AsJson, err, out
+from saf_gen.cli._terminal import AsJson, Linear, Transfer, err, out
 from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, escape_controls, unknown
@@ -53,7 +53,10 @@ def import_command(
     mask: Annotated[str | None, typer.Option(help="Bad pixels: a picture, an array, or CSV of row,column.")] = None,
     times: Annotated[Path | None, typer.Option(help="CSV of seconds or readout, a row a frame.")] = None,
 ) -> None:
-    """Convert a recording from another program to a stream, with its lens log, light log and true focus if given."""
+    """Convert a recording of another program to a stream.
+
+    Its lens log, light log and true focus are stored with it, if they are given.
+    """
     from saf_gen.stream import interop
     from saf_gen.stream.metadata import KINDS
 
@@ -237,10 +240,8 @@ def encode_command(
         str | None,
         typer.Option(help="Pictures per second, such as 240 or 24000/1001 (default: the times of the file)."),
     ] = None,
-    transfer: Annotated[
-        str | None, typer.Option(help="How values stand for light, where the file does not say: srgb or bt709.")
-    ] = None,
-    linear: Annotated[bool, typer.Option("--linear", help="Values are linear light.")] = False,
+    transfer: Transfer = None,
+    linear: Linear = False,
     sensor: Annotated[str, typer.Option(help="Sensor, by name or file; its array gets the size of the pictures.")] = (
         "vidar_400x250"
     ),
@@ -254,7 +255,10 @@ def encode_command(
     truth: TruthText = None,
     depth_of_focus: DepthOfFocus = None,
 ) -> None:
-    """Turn pictures into spikes with the model of a sensor, cross-fading light from each picture to the next."""
+    """Turn pictures into spikes with the model of a sensor.
+
+    Light cross-fades from each picture to the next.
+    """
     from saf_gen.camera import get_sensor
     from saf_gen.stream.interop.encode_pictures import SLOW_READOUTS, encode_pictures, prepare_pictures, rate_from_text
     from saf_gen.stream.interop.picture_frames import open_pictures
@@ -342,7 +346,10 @@ def cut_command(
     rows: Annotated[str | None, typer.Option(help="Rows to keep, such as 50:200 (default: all).")] = None,
     columns: Annotated[str | None, typer.Option(help="Columns to keep, such as 0:400 (default: all).")] = None,
 ) -> None:
-    """Keep some frames, rows and columns of a stream, with its lens, light and truth."""
+    """Keep some frames, rows and columns of a stream.
+
+    Its lens, light and truth are kept with them.
+    """
     from saf_gen.stream.cutting import cut_stream
     from saf_gen.stream.stream_file import open_stream
 
@@ -379,7 +386,10 @@ def index_command(
 
 
 def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
-    """Describe the content of a stream (length, rates, light, lens, true focus) and how it was made."""
+    """Describe what a stream holds and how it was made.
+
+    This is its length, rates, light, lens and true focus.
+    """
     from saf_gen.stream.description import describe_content, describe_events, describe_frames, describe_provenance
     from saf_gen.stream.event_file import has_events, open_events
     from saf_gen.stream.frame_file import has_frames, open_frames

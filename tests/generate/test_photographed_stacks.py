@@ -34,7 +34,7 @@ lights:
 splits:
   test: {scenes: [dots], lights: [constant]}
 """
-STATED = {"values": "linear", "licence": "CC0-1.0", "step_um": STEP_UM, "box": (32, 20, 64, 40)}
+STATED = {"linear": True, "licence": "CC0-1.0", "step_um": STEP_UM, "box": (32, 20, 64, 40)}
 
 
 def texture(peak=PEAK):
@@ -225,7 +225,8 @@ def test_a_sensor_larger_than_the_pictures_is_refused(made):
 
 
 STATEMENTS = {
-    "no_such_values": ({"values": "gamma"}, "values 'gamma' | linear, srgb"),
+    "no_such_curve": ({"linear": False, "transfer": "gamma"}, "unknown transfer 'gamma' | bt709, srgb"),
+    "no_curve": ({"linear": False}, "does not say how its values stand for light | --transfer srgb"),
     "step_of_0": ({"step_um": 0.0}, "step_um"),
     "a_name_with_a_space": ({"name": "my dots"}, "cannot be called 'my dots' | my_dots"),
     "a_shipped_name": ({"name": "camel"}, "'camel' already exists"),
@@ -319,27 +320,29 @@ def write_exr(folder):
 
 
 KINDS = {
-    "png": (write_png, "png", "srgb"),
-    "exr": (write_exr, "exr", "linear"),
-    "ome": (lambda folder: save_ome(folder / "s.tif"), "s.tif", "linear"),
-    "pages": (lambda folder: save_pages(folder / "s.tif"), "s.tif", "linear"),
-    "array_of_floats": (lambda folder: np.save(folder / "s.npy", 40 * texture()), "s.npy", "linear"),
+    "png": (write_png, "png", {"linear": False, "transfer": "srgb"}),
+    "exr": (write_exr, "exr", {"linear": False}),
+    "ome": (lambda folder: save_ome(folder / "s.tif"), "s.tif", {}),
+    "pages": (lambda folder: save_pages(folder / "s.tif"), "s.tif", {}),
+    "array_of_floats": (lambda folder: np.save(folder / "s.npy", 40 * texture()), "s.npy", {}),
     "array_of_bytes": (
         lambda folder: np.save(folder / "s.npy", np.rint(255 * texture()).astype(np.uint8)),
-        "s.npy", "linear",
+        "s.npy", {},
     ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_pictures_have_the_same_light_in_every_kind_of_file(made, tmp_path, scenes, kind):
-    write, name, values = KINDS[kind]
+    write, name, stated = KINDS[kind]
     write(tmp_path)
-    scenes(tmp_path / name, "other", values=values)
+    scenes(tmp_path / name, "other", **stated)
     own, found = (np.stack([*find_any_scene(scene).read_pictures()]) for scene in ("dots", "other"))
     np.testing.assert_allclose(found / found.mean(), own / own.mean(), atol=0.02)
 
 
 def test_exr_files_are_not_decoded_as_srgb(scenes, tmp_path):
     write_exr(tmp_path)
-    assert_says(refusal(scenes, tmp_path / "exr", values="srgb"), "its tags say: linear light | --values linear")
+    assert_says(
+        refusal(scenes, tmp_path / "exr", linear=False, transfer="srgb"), "--transfer srgb is given for linear light"
+    )

@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.camera import Encoder, Sensor, exposure_scale
 from saf_gen.core.files import name_as_text
 from saf_gen.errors import BadInput
-from saf_gen.stream.interop.linear_light import ASK_TRANSFER, PictureFrames
+from saf_gen.stream.interop.linear_light import PictureFrames
 from saf_gen.stream.metadata import metadata_from_options
 from saf_gen.stream.stream_writer import StreamWriter
 
@@ -157,11 +157,7 @@ def prepare_pictures(
         there are too many frames, if all pictures are black, or if the sensor cannot reach the mean rate.
     """
     where, notes = str(pictures.path), pictures.notes
-    if not pictures.is_stated:
-        raise BadInput(
-            "does not say how its values stand for light", where=where, allowed="sRGB, BT.709 or linear",
-            hint=ASK_TRANSFER,
-        )  # fmt: skip
+    pictures.check_stated()
     if rate_hz is not None and not 0 < rate_hz < np.inf:
         raise BadInput(f"{rate_hz:g} pictures per second", where=where, allowed="above 0")
     rate = pictures.rate_hz if rate_hz is None else Fraction(str(rate_hz))

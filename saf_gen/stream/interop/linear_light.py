@@ -104,6 +104,14 @@ class PictureFrames:
         self.path, self.shape = path, (int(shape[0]), int(shape[1]))
         self.transfer, self.is_stated = transfer or SRGB, transfer is not None
 
+    def check_stated(self) -> None:
+        """Raise BadInput unless the source or the user states how values stand for light."""
+        if not self.is_stated:
+            raise BadInput(
+                "does not say how its values stand for light", where=str(self.path), allowed="sRGB, BT.709 or linear",
+                hint=ASK_TRANSFER,
+            )  # fmt: skip
+
     def __iter__(self) -> Iterator[np.ndarray]:
         for name, values in self._read():
             if values.shape[:2] != self.shape:
