@@ -154,7 +154,7 @@ def test_untrusted_evaluations_are_merged_without_harm(desk, at_desk):
         if r.method == "sd+argmax"
     ]
     (theirs / "records.jsonl").write_text(format_records(records), encoding="utf-8")
-    code, _, _ = at_desk("leaderboard", "judged", "judged/theirs", "--out", "merged")
+    code, _, _ = at_desk("leaderboard", "merge", "judged", "judged/theirs", "--out", "merged")
     assert code == 0
     page = (desk / "merged/index.html").read_text(encoding="utf-8")
     assert "<script>window" not in page

@@ -20,6 +20,7 @@ from saf_gen.camera.spad import SpadSensor, get_spad_sensor, spad_sensor_names
 from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.files import refuse_link
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stack.event_capture import events_fingerprint, record_events
 from saf_gen.stack.frame_capture import frames_fingerprint, record_frames
@@ -27,6 +28,7 @@ from saf_gen.stack.recapture import recapture_fingerprint, record_photons
 from saf_gen.stream import frame_file
 from saf_gen.stream.event_file import FINGERPRINT, check_replaceable, intact_digest, open_events
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
+from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, stated_licences, write_croissant
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 RATE = 0.5
@@ -88,7 +90,11 @@ class OtherCamera(ABC):
             return ""
         made = json.dumps([manifest.recipe_fingerprint, self.describe()], sort_keys=True)
         recipe = hashlib.sha256(made.encode()).hexdigest()
-        write_manifest(target, replace(manifest, name=name, recipe_fingerprint=recipe, sequences=tuple(entries)))
+        made_here = replace(manifest, name=name, recipe_fingerprint=recipe, sequences=tuple(entries))
+        write_manifest(target, made_here)
+        described = f"The scenes of {manifest.name} as {self.name} sees them: {plural(len(entries), 'sequence')}."
+        facts = DatasetFacts(described, stated_licences(dataset), responsible=SYNTHETIC)
+        write_croissant(target, made_here, facts=facts)
         stacks = target / STACKS
         if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
             stacks.symlink_to(os.path.relpath((dataset / STACKS).resolve(), target.resolve()), target_is_directory=True)

@@ -5,9 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from saf_gen.core.files import name_as_text
+from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
 from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.sharing.croissant import RECORDED, DatasetFacts, write_croissant
 from saf_gen.stream.stream_file import open_stream
 
 SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
@@ -18,7 +20,7 @@ Any other name is taken as the name of the scene, and its light is called ``reco
 
 
 def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
-    """Write ``manifest.json`` for all streams (.h5) in a folder and below it, and return the manifest.
+    """Write ``manifest.json`` and ``croissant.json`` for all streams (.h5) in and below a folder; return the manifest.
 
     The id of a sequence is its path, joined with "-". Streams in a subfolder belong to the split that has the name of
     the subfolder, and streams in the folder itself to ``split``. Files and folders whose names begin with a dot, which
@@ -51,6 +53,8 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
             )  # fmt: skip
     manifest = Manifest(name_as_text(root.resolve().name), "", "recorded", entries)
     write_manifest(root, manifest)
+    described = f"Recordings of spike cameras with moving focus: {plural(len(entries), 'sequence')}."
+    write_croissant(root, manifest, facts=DatasetFacts(described, [], responsible=RECORDED))
     return manifest
 
 

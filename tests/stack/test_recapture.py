@@ -122,7 +122,9 @@ def test_the_command_makes_a_dataset_resumes_and_repairs(dataset, tmp_path, call
     code, output, error = call(*arguments)
     assert (code, "1 sequence recorded" in output) == (0, True), error
     assert path.read_bytes() == made
-    assert call("verify", target)[0] == 0
+    assert call("verify", target) == (0, "4 of 4 sequences are intact\n", "")
+    card = json.loads((target / "croissant.json").read_text())
+    assert card["license"] == json.loads((dataset / "croissant.json").read_text())["license"]
     code, output, _ = call("inspect", path)
     assert (code, "16000 Hz" in output) == (0, True)
 

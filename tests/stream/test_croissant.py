@@ -4,10 +4,13 @@ import json
 from dataclasses import fields, replace
 from hashlib import sha256
 
+import numpy as np
 import pytest
 import windowed_dataset
 import yaml
 
+from saf_gen import write_stream
+from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.sharing.croissant import (
     SYNTHETIC,
@@ -15,6 +18,7 @@ from saf_gen.stream.sharing.croissant import (
     croissant_of,
     front_matter,
     read_licences,
+    stated_licences,
     write_croissant,
 )
 
@@ -77,6 +81,33 @@ def test_a_card_that_is_written_again_keeps_what_its_publisher_added(card, tmp_p
         path.write_text(broken)
         write_croissant(tmp_path, MANIFEST, facts=FACTS)
         assert json.loads(path.read_text())["license"] == card["license"]
+
+
+def test_a_folder_that_is_indexed_has_a_card_that_states_no_licence(tmp_path):
+    write_stream(tmp_path / "a.h5", np.zeros((8, 4, 8), np.uint8), readout_hz=20_000)
+    manifest = index_folder(tmp_path)
+    card = json.loads((tmp_path / "croissant.json").read_text())
+    assert [(file["name"], file.get("includes")) for file in card["distribution"]] == [
+        ("manifest.json", None), ("sequences.csv", None), ("streams", ["./*.h5"])
+    ]  # fmt: skip
+    assert "1 sequence" in card["description"]
+    assert len(manifest.sequences) == 1
+    assert "license" not in card
+    assert stated_licences(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("stated", "names"),
+    [
+        (["https://spdx.org/licenses/MIT", "https://spdx.org/licenses/CC0-1.0"], ["MIT", "CC0-1.0"]),
+        ("MIT", ["MIT"]),
+        (["a licence of mine"], []),
+        (None, []),
+    ],
+)
+def test_the_licences_of_a_card_are_read(tmp_path, stated, names):
+    (tmp_path / "croissant.json").write_text(json.dumps({} if stated is None else {"license": stated}))
+    assert stated_licences(tmp_path) == names
 
 
 def test_the_front_matter_leads_to_the_files_of_each_split():

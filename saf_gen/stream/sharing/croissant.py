@@ -91,6 +91,14 @@ PHOTOGRAPHS = SYNTHETIC | {
 }
 """Statements for datasets of stacks that were photographed."""
 
+RECORDED = {
+    "rai:dataCollection": "Recordings that were brought together in a folder; who made them has not been stated.",
+    "rai:dataCollectionType": "Others",
+    "rai:dataUseCases": SYNTHETIC["rai:dataUseCases"],
+    "rai:personalSensitiveInformation": "Not known: look at the recordings.",
+}
+"""Statements for recordings that were indexed."""
+
 
 @dataclass(frozen=True)
 class DatasetFacts:
@@ -166,6 +174,17 @@ def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) ->
             added = {key: earlier[key] for key in PUBLISHED if key in earlier} if isinstance(earlier, dict) else {}
             card = added | card | {key: added[key] for key in PUBLISHED[:1] if key in added}
     write_text(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
+
+
+def stated_licences(folder: Path) -> list[str]:
+    """Return the licences in the card of a dataset folder, as SPDX names; an empty list if it has no card or none."""
+    try:
+        card = read_json(folder / CARD_NAME).data
+    except BadInput:
+        return []
+    addresses = card.get("license", []) if isinstance(card, dict) else []
+    names = [str(address).rpartition("/")[2] for address in (addresses if isinstance(addresses, list) else [addresses])]
+    return names if all(LICENCE.fullmatch(name) for name in names) else []
 
 
 def front_matter(manifest: Manifest, licences: Sequence[str]) -> str:
