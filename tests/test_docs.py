@@ -370,10 +370,8 @@ def run(folder: Path, words: list[str], where: str = "") -> str:
             patch.setattr("webbrowser.open", lambda address: None)
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         patch.setattr("saf_gen.authoring.checks.subject.NEAR_SAMPLES", 4)
-        if arguments[0] == "sensors" and arguments[1] in ("fit", "compare"):
+        if arguments[0] == "sensors" and arguments[1] == "fit":
             patch.setattr("saf_gen.addons.calibrate.fit_files.draw_fit", lambda fit: [])
-            for name in ("FLAT_FRAMES", "DARK_FRAMES"):
-                patch.setattr(f"saf_gen.addons.calibrate.comparison.{name}", 400)
         for name, value in environment.items():
             patch.setenv(name, value)
         with pytest.raises(SystemExit) as stop:

@@ -1,7 +1,8 @@
-"""The commands ``sensors compare`` and ``sensors fit``."""
+"""The command ``sensors fit``."""
 
 import re
 import shlex
+from collections.abc import Callable
 from contextlib import ExitStack
 from operator import itemgetter
 from pathlib import Path
@@ -10,86 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress, TaskID
 
-from saf_gen.cli._tables import finite_value, print_json, print_table
-from saf_gen.cli._terminal import AsJson, OutFolder, err, out, progress_bars
+from saf_gen.cli._tables import print_table
+from saf_gen.cli._terminal import OutFolder, err, out, progress_bars
 from saf_gen.cli.addons import NOTHING_WRITTEN, Command
-from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput
 
 if TYPE_CHECKING:
-    from saf_gen.addons.calibrate.comparison import Figures, Report
     from saf_gen.addons.calibrate.estimates import Estimate
     from saf_gen.addons.calibrate.recordings import Recording
 
+Report = Callable[[str, float], None]
 Layout = Annotated[str, typer.Option(help="Layout of raw files: 416, dense, sps1000, or auto.")]
 Rate = Annotated[float, typer.Option("--rate", help="Readouts per second of raw files, which do not contain it.")]
-
-
-def compare_command(
-    names: Annotated[
-        list[str] | None, typer.Argument(help="Two of: name of a sensor, sensor file, stream (.h5), raw frames.")
-    ] = None,
-    *,
-    published: Annotated[
-        str | None, typer.Option(help="Compare this sensor with published figures of real cameras.")
-    ] = None,
-    mean_rate: Annotated[float, typer.Option(help="Mean rate of two compared sensors, spikes per readout.")] = 0.2,
-    layout: Layout = "auto",
-    rate: Rate = 20_000.0,
-    seed: Annotated[int, typer.Option(help="Seed of the devices and their noise.")] = 1,
-    as_json: AsJson = False,
-) -> None:
-    """Compare statistics of sensors and recordings: rates, intervals, counts, fixed pattern and dark rate.
-
-    Two sensors get the same even light, no light, and moving bars of light. A sensor that is compared with a recording
-    gets the light that the recording shows, smoothed.
-    """
-    from saf_gen.addons.calibrate.comparison import as_published, compare_statistics, published_statistics
-
-    compared = names or []
-    if len(compared) != (0 if published is not None else 2):
-        raise BadInput(
-            f"{len(compared)} {'name is' if len(compared) == 1 else 'names are'} given",
-            allowed="two names to compare, or --published SENSOR without names",
-        )
-    with progress_bars() as bars:
-        if published is not None:
-            from saf_gen.camera import get_sensor
-
-            real, sources = published_statistics()
-            modelled = as_published(get_sensor(published), seed=seed, report=_reporter(bars, published))
-            columns, heads = [real, modelled], ["published", Path(published).stem]
-        else:
-            columns = _compared_statistics(compared, bars, mean_rate=mean_rate, layout=layout, rate=rate, seed=seed)
-            heads, sources = [Path(name).name for name in compared], {}
-    rows = compare_statistics(columns)
-    if as_json:
-        named = dict(zip(("a", "b"), heads, strict=True))
-        values = [
-            {
-                "key": row.key,
-                "statistic": row.label,
-                **{k: finite_value(v) for k, v in zip("ab", row.values, strict=True)},
-            }
-            for row in rows
-        ]
-        document = {**named, "sources": sources, "statistics": values}
-        print_json(document)
-        return
-    first, second = heads
-    print_table(
-        Table(
-            [
-                Column("statistic", "label", folds=True),
-                Column(first, lambda row: row.format_value(row.values[0]), kind="number"),
-                Column(second, lambda row: row.format_value(row.values[1]), kind="number"),
-            ],
-            rows,
-        )
-    )
-    for part, source in sources.items():
-        out.print(f"published, {part}: {source}", soft_wrap=True)
 
 
 def fit_command(
@@ -160,7 +94,7 @@ def fit_command(
     out.print(f"next: {check}; sensor: {written[0].name} in a recipe of the same folder", soft_wrap=True)
 
 
-def _print_bounds(recording: "Recording", report: "Report") -> None:
+def _print_bounds(recording: "Recording", report: Report) -> None:
     """Print the bounds that a single recording of any scene gives."""
     from saf_gen.addons.calibrate.bounds import noise_bounds
     from saf_gen.addons.calibrate.spike_statistics import measure_spikes
@@ -189,39 +123,7 @@ def _print_estimates(estimates: "dict[str, Estimate]", title: str) -> None:
     print_table(Table(columns, list(estimates.items()), title))
 
 
-def _compared_statistics(
-    names: list[str], bars: Progress, *, mean_rate: float, layout: str, rate: float, seed: int
-) -> list["Figures"]:
-    """Return the statistics of each sensor or recording in ``names``, in that order."""
-    from saf_gen.addons.calibrate.comparison import encode_again, recording_statistics, sensor_statistics
-    from saf_gen.addons.calibrate.recordings import open_recording
-    from saf_gen.camera import get_sensor, sensor_names
-
-    sensors = {name: get_sensor(name) for name in names if is_preset_file(name) or name in sensor_names()}
-    for name in names:
-        if name not in sensors and not Path(name).suffix:
-            get_sensor(name)  # not the name of a file, so the error lists the known sensors
-    if len(sensors) == len(set(names)):
-        return [
-            sensor_statistics(sensors[name], rate=mean_rate, seed=seed, report=_reporter(bars, name)) for name in names
-        ]
-    with ExitStack() as stack:
-        recordings = {
-            name: stack.enter_context(open_recording(name, layout=layout, readout_hz=rate))
-            for name in names
-            if name not in sensors
-        }
-        shown = next(iter(recordings.values()))
-        return [
-            recording_statistics(
-                recordings[name] if name in recordings else encode_again(shown, sensors[name], seed=seed),
-                report=_reporter(bars, name),
-            )
-            for name in names
-        ]
-
-
-def _reporter(bars: Progress, name: str) -> "Report":
+def _reporter(bars: Progress, name: str) -> Report:
     """Return a function that updates a bar for each recording that is measured."""
     tasks: dict[str, TaskID] = {}
 
@@ -236,11 +138,7 @@ def _reporter(bars: Progress, name: str) -> "Report":
 
 
 COMMANDS = {
-    "sensors compare": Command(
-        compare_command,
-        examples=("sensors compare recording.h5 vidar_400x250", "sensors compare --published vidar_400x250"),
-    ),
     "sensors fit": Command(
         fit_command, examples=("sensors fit dim.h5 bright.h5 --dark dark.h5 --name my_camera",), stopped=NOTHING_WRITTEN
-    ),
+    )
 }

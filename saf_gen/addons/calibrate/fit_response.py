@@ -19,7 +19,7 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from saf_gen.addons.calibrate.estimates import NORMAL_95, Estimate, normal_estimate, root_estimate
-from saf_gen.addons.calibrate.pattern_statistics import ROBUST
+from saf_gen.addons.calibrate.flat_checks import ROBUST
 from saf_gen.addons.calibrate.spike_statistics import SpikeStatistics
 from saf_gen.camera.fixed_pattern import legendre_basis
 

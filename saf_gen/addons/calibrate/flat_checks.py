@@ -7,7 +7,6 @@ from math import sqrt
 import numpy as np
 from scipy import stats
 
-from saf_gen.addons.calibrate.pattern_statistics import ROBUST, split_pattern
 from saf_gen.addons.calibrate.spike_statistics import SERIES_FRAMES, SpikeStatistics
 from saf_gen.camera.fixed_pattern import legendre_basis
 from saf_gen.errors import BadInput
@@ -20,6 +19,8 @@ PICTURE_CORRELATION, PICTURE_RMS, PICTURE_PROFILE = 0.2, 0.004, 0.2
 MAX_VARIATION = 0.2
 _SIGNIFICANCE = 1e-4
 _SLOW = 4
+ROBUST = 1.482602218505602
+"""Standard deviation of a normal distribution divided by its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +165,17 @@ def check_flat(name: str, statistics: SpikeStatistics, *, dark: np.ndarray, vari
     _check_even(name, np.where(rates > 0, rates - dark, np.nan))
     _check_still(name, statistics)
     _check_steps(name, statistics)
+
+
+def split_pattern(map_: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the column profile (W,), row profile (H,) and rest (H, W) of a map divided by its mean, each of mean 0.
+
+    Pixels that are not finite count as equal to the mean of the map.
+    """
+    relative = map_ / np.nanmean(map_[np.isfinite(map_)])
+    relative = np.where(np.isfinite(relative), relative, 1.0)
+    columns, rows = relative.mean(axis=0) - relative.mean(), relative.mean(axis=1) - relative.mean()
+    return columns, rows, relative - relative.mean() - columns - rows[:, None]
 
 
 def _check_even(name: str, response: np.ndarray) -> None:

@@ -1,9 +1,9 @@
-"""Recordings whose statistics are measured: stream files, raw files of other cameras, and simulations.
+"""Recordings whose statistics are measured: stream files, and raw files of other cameras.
 
 Each yields packed spikes block by block in the order of time, so that memory does not grow with its length.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,6 @@ from typing import Protocol
 
 import numpy as np
 
-from saf_gen.camera import Encoder, Sensor
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop import import_raw_frames, recognise
 from saf_gen.stream.stream_file import SpikeStream, open_stream
@@ -66,65 +65,6 @@ class StreamRecording:
         length = -(-self.shape[0] // 8)
         for first in range(0, length, TIME_BLOCK_BYTES):
             yield self.stream.packed(first, min(first + TIME_BLOCK_BYTES, length))
-
-
-@dataclass(frozen=True)
-class EncodedRecording:
-    """A simulated recording, which is encoded while it is read.
-
-    Parameters
-    ----------
-    name : str
-        Name of the recording in messages and tables.
-    sensor : Sensor
-        The sensor that records.
-    charge : ndarray of float32, shape (K, H, W)
-        Photo-electrons per readout at K knots of time.
-    frames : int
-        Readouts of the recording.
-    seed : int
-        Seed of the noise.
-    knots : callable, optional
-        Maps readout numbers to the knot before each readout and the fraction of the way to the next knot; by default
-        the charge of the first knot holds throughout.
-    before : int, default 0
-        Readouts to encode and discard first, so that the pixels' phases no longer depend on their initial charge.
-    device_seed : int, optional
-        Seed of the fixed pattern; by default ``seed``.
-    """
-
-    name: str
-    sensor: Sensor
-    charge: np.ndarray
-    frames: int
-    seed: int
-    knots: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
-    before: int = 0
-    device_seed: int | None = None
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Frames, rows and columns."""
-        return self.frames, self.charge.shape[1], self.charge.shape[2]
-
-    @property
-    def readout_hz(self) -> float:
-        """Readouts per second."""
-        return self.sensor.readout_hz
-
-    def blocks(self) -> Iterator[np.ndarray]:
-        """Yield packed spikes, as :meth:`Recording.blocks` does; each call encodes the same spikes."""
-        encoder = Encoder(self.sensor, self.shape[1:], seed=self.seed, device_seed=self.device_seed)
-        stack = np.ascontiguousarray(self.charge[None], np.float32)
-        if self.before:
-            self._encode(encoder, stack, readout=np.zeros(self.before, np.int64))
-        for first in range(0, self.frames, BLOCK_FRAMES):
-            yield self._encode(encoder, stack, readout=np.arange(first, min(first + BLOCK_FRAMES, self.frames)))
-
-    def _encode(self, encoder: Encoder, stack: np.ndarray, *, readout: np.ndarray) -> np.ndarray:
-        still = np.zeros(readout.size, np.int64), np.zeros(readout.size)
-        index, fraction = self.knots(readout) if self.knots is not None else still
-        return encoder.encode(stack, index=index, fraction=fraction, gain=np.ones((readout.size, 1)))
 
 
 @contextmanager

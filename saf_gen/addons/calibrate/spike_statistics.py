@@ -24,28 +24,24 @@ from saf_gen.errors import BadInput
 # recording.
 
 
-WINDOWS = (8, 10, 20, 50)
-"""Lengths, in readouts, of the windows whose counts are summed; the light is also sampled every 8 readouts."""
+SERIES_FRAMES = 8
+"""Length, in readouts, of the windows whose counts are summed; the light is sampled as often."""
 LAGS = 11
 """Number of lags of the second differences of spike times: 1, 2, 4 … 1024 spikes."""
 
-# Columns of the state, int64 (P, STATE): the first spike, the latest spike, the interval before it, the number of
-# spikes, and, for each half of the recording, its first spike, its latest spike and its number of spikes.
-FIRST, LATEST, INTERVAL, NUMBER, HALF = 0, 1, 2, 3, 4
+# Columns of the state, int64 (P, STATE): the first spike, the latest spike, the number of spikes, and, for each half of
+# the recording, its first spike, its latest spike and its number of spikes.
+FIRST, LATEST, NUMBER, HALF = 0, 1, 2, 3
 STATE = HALF + 6
-# Columns of the sums, float64 (P, SUMS): the sum of 2·|d₂ − d₁|/(d₁ + d₂) and its number of terms; the sum of
-# |d₂ − d₁| over pairs with both intervals in the band, and its number of terms.
-CV2, CV2_NUMBER, CHANGE, CHANGE_NUMBER = 0, 1, 2, 3
-SUMS = 4
-# Columns for each window length: the index of the current window, its count so far, and the sums of counts and of
+# Columns of the windows: the index of the current window, its count so far, and the sums of counts and of
 # squared counts over complete windows.
 WINDOW_INDEX, WINDOW_COUNT, WINDOW_SUM, WINDOW_SQUARES = 0, 1, 2, 3
 
 
 @compiled
 def accumulate(
-    packed: Any, frames: Any, start: Any, middle: Any, complete: Any, times: Any, band: Any,
-    state: Any, sums: Any, windows: Any, anchors: Any, squares: Any, numbers: Any
+    packed: Any, frames: Any, start: Any, middle: Any, complete: Any, times: Any,
+    state: Any, windows: Any, anchors: Any, squares: Any, numbers: Any
 ) -> Any:  # fmt: skip
     """Add a block of readouts to the state of every pixel, in place.
 
@@ -59,17 +55,13 @@ def accumulate(
         Number of the block's first readout in the recording.
     middle : int
         First readout of the second half of the recording.
-    complete : ndarray of int64, shape (len(WINDOWS),)
-        Readouts of the recording in complete windows, for each window length.
+    complete : int
+        Readouts of the recording in complete windows.
     times : ndarray of float64, shape (frames,)
         Time of each readout of the block, in readouts of mean light.
-    band : ndarray of int64, shape (2,)
-        Shortest and longest interval of the band.
     state : ndarray of int64, shape (P, STATE)
         State of each pixel.
-    sums : ndarray of float64, shape (P, SUMS)
-        Sums over pairs of intervals.
-    windows : ndarray of int64, shape (P, len(WINDOWS), 4)
+    windows : ndarray of int64, shape (P, 4)
         Sums over windows.
     anchors : ndarray of float64, shape (P, LAGS, 2)
         Last two spike times at multiples of each lag.
@@ -79,7 +71,7 @@ def accumulate(
         Number of second differences, by lag.
     """
     for p in range(packed.shape[0]):
-        latest, interval, number = state[p, LATEST], state[p, INTERVAL], state[p, NUMBER]
+        latest, number = state[p, LATEST], state[p, NUMBER]
         for b in range(packed.shape[1]):
             byte = packed[p, b]
             if byte == 0:
@@ -93,30 +85,19 @@ def accumulate(
                 t = start + local
                 if number == 0:
                     state[p, FIRST] = t
-                else:
-                    d = t - latest
-                    if interval > 0:
-                        change = abs(d - interval)
-                        sums[p, CV2] += 2.0 * change / (d + interval)
-                        sums[p, CV2_NUMBER] += 1
-                        if band[0] <= d <= band[1] and band[0] <= interval <= band[1]:
-                            sums[p, CHANGE] += change
-                            sums[p, CHANGE_NUMBER] += 1
-                    interval = d
                 half = HALF if t < middle else HALF + 3
                 if state[p, half + 2] == 0:
                     state[p, half] = t
                 state[p, half + 1] = t
                 state[p, half + 2] += 1
-                for w in range(windows.shape[1]):
-                    if t < complete[w]:
-                        index = t // WINDOWS[w]
-                        if index != windows[p, w, WINDOW_INDEX]:
-                            windows[p, w, WINDOW_SQUARES] += windows[p, w, WINDOW_COUNT] ** 2
-                            windows[p, w, WINDOW_INDEX] = index
-                            windows[p, w, WINDOW_COUNT] = 0
-                        windows[p, w, WINDOW_COUNT] += 1
-                        windows[p, w, WINDOW_SUM] += 1
+                if t < complete:
+                    index = t // SERIES_FRAMES
+                    if index != windows[p, WINDOW_INDEX]:
+                        windows[p, WINDOW_SQUARES] += windows[p, WINDOW_COUNT] ** 2
+                        windows[p, WINDOW_INDEX] = index
+                        windows[p, WINDOW_COUNT] = 0
+                    windows[p, WINDOW_COUNT] += 1
+                    windows[p, WINDOW_SUM] += 1
                 time = times[local]
                 for lag in range(LAGS):
                     if number & ((1 << lag) - 1):
@@ -130,18 +111,15 @@ def accumulate(
                     anchors[p, lag, 1] = time
                 latest = t
                 number += 1
-        state[p, LATEST], state[p, INTERVAL], state[p, NUMBER] = latest, interval, number
+        state[p, LATEST], state[p, NUMBER] = latest, number
 
 
 def finish(windows: np.ndarray) -> None:
     """Add the last window of every pixel to the sums of squares, in place."""
-    windows[:, :, WINDOW_SQUARES] += windows[:, :, WINDOW_COUNT] ** 2
-    windows[:, :, WINDOW_COUNT] = 0
+    windows[:, WINDOW_SQUARES] += windows[:, WINDOW_COUNT] ** 2
+    windows[:, WINDOW_COUNT] = 0
 
 
-CHANGE_BAND = (20, 30)
-"""Shortest and longest interval, in readouts, for which the change to the next interval is averaged."""
-SERIES_FRAMES = WINDOWS[0]
 Progress = Callable[[float], None]
 
 
@@ -157,13 +135,6 @@ class SpikeStatistics:
         Spikes of each pixel.
     interval : ndarray of float64, shape (H, W)
         Mean interval between the spikes of each pixel, readouts; NaN below two spikes.
-    cv2 : float
-        Mean of 2·|d₂ − d₁|/(d₁ + d₂) over all pairs of consecutive intervals d₁, d₂; NaN if there are no pairs.
-    interval_change : float
-        Mean of |d₂ − d₁| over pairs in which both intervals are 20 to 30 readouts; NaN if there are no such pairs.
-    fano : dict of int to float
-        By window length of 10, 20 and 50 readouts: temporal variance of counts, averaged over the pixels, divided by
-        the mean count.
     half_rates : ndarray of float64, shape (2, H, W)
         Rate of each pixel in the first and the second half, from the intervals within it; NaN below two spikes.
     series : ndarray of float64, shape (T div 8,)
@@ -179,9 +150,6 @@ class SpikeStatistics:
     shape: tuple[int, int, int]
     counts: np.ndarray
     interval: np.ndarray
-    cv2: float
-    interval_change: float
-    fano: dict[int, float]
     half_rates: np.ndarray
     series: np.ndarray
     series_variance: float
@@ -228,11 +196,10 @@ def measure_spikes(
         raise BadInput(f"has {frames} readouts", where=recording.name, allowed=f"at least {2 * SERIES_FRAMES}")
     pixels = height * width
     state = np.zeros((pixels, STATE), np.int64)
-    sums = np.zeros((pixels, SUMS))
-    windows = np.zeros((pixels, len(WINDOWS), 4), np.int64)
+    windows = np.zeros((pixels, 4), np.int64)
     anchors, squares = np.zeros((pixels, LAGS, 2)), np.zeros((pixels, LAGS))
     numbers = np.zeros((pixels, LAGS), np.int64)
-    complete = np.array([frames // w * w for w in WINDOWS])
+    complete = frames // SERIES_FRAMES * SERIES_FRAMES
     times = _stretched_times(light, frames)
     series = np.zeros(-(-frames // SERIES_FRAMES))
     threads = min(usable_cores(), height)
@@ -245,7 +212,7 @@ def measure_spikes(
             jobs = [
                 pool.submit(
                     accumulate, packed[a:b], count, start, frames // 2, complete,
-                    times[start : start + count], np.array(CHANGE_BAND), state[a:b], sums[a:b], windows[a:b],
+                    times[start : start + count], state[a:b], windows[a:b],
                     anchors[a:b], squares[a:b], numbers[a:b],
                 )
                 for a, b in pairwise(cuts)
@@ -258,7 +225,7 @@ def measure_spikes(
             if report is not None:
                 report(start / frames)
     finish(windows)
-    return _summarise(recording.shape, state, sums=sums, windows=windows, series=series, lags=(squares, numbers))
+    return _summarise(recording.shape, state, windows=windows, series=series, lags=(squares, numbers))
 
 
 def _stretched_times(light: np.ndarray | None, frames: int) -> np.ndarray:
@@ -274,7 +241,6 @@ def _summarise(
     shape: tuple[int, int, int],
     state: np.ndarray,
     *,
-    sums: np.ndarray,
     windows: np.ndarray,
     series: np.ndarray,
     lags: tuple[np.ndarray, np.ndarray],
@@ -287,28 +253,14 @@ def _summarise(
         halves = state[:, HALF:].reshape(-1, 2, 3).astype(np.float64)
         spans = halves[:, :, 1] - halves[:, :, 0]
         half_rates = np.where(spans > 0, (halves[:, :, 2] - 1) / spans, np.nan)
-        total = sums.sum(axis=0)
-        cv2 = float(total[CV2] / total[CV2_NUMBER])
-        change = float(total[CHANGE] / total[CHANGE_NUMBER])
-    fano, variance = {}, 0.0
-    for w, length in enumerate(WINDOWS):
-        number = frames // length
-        if number < 2:
-            continue
-        mean = windows[:, w, WINDOW_SUM] / number
-        spread = (windows[:, w, WINDOW_SQUARES] - number * mean**2) / (number - 1)
-        if length == SERIES_FRAMES:
-            variance = float(spread.mean()) / (SERIES_FRAMES**2 * counts.size)
-        elif mean.any():
-            fano[length] = float(spread.mean() / mean.mean())
     runs = frames // SERIES_FRAMES
+    mean = windows[:, WINDOW_SUM] / runs
+    spread = (windows[:, WINDOW_SQUARES] - runs * mean**2) / (runs - 1)
+    variance = float(spread.mean()) / (SERIES_FRAMES**2 * counts.size)
     return SpikeStatistics(
         shape=shape,
         counts=counts.reshape(size),
         interval=interval.reshape(size),
-        cv2=cv2,
-        interval_change=change,
-        fano=fano,
         half_rates=half_rates.T.reshape(2, *size),
         series=series[:runs] / (SERIES_FRAMES * counts.size),
         series_variance=variance,
@@ -327,18 +279,3 @@ def flat_areas(rates: np.ndarray) -> np.ndarray:
     smooth = gaussian_filter(known, 3.0)
     slope = np.hypot(*np.gradient(smooth)) / np.maximum(smooth, 1e-12)
     return slope <= np.quantile(slope, 0.25)
-
-
-def rms_between_halves(statistics: SpikeStatistics) -> float:
-    """Return the relative temporal rms of the rate over half a recording, from the two halves, in flat areas.
-
-    The median difference, which is a change of the light between the halves, is subtracted. Returns NaN if fewer than
-    two pixels in flat areas have rates in both halves.
-    """
-    first, second = statistics.half_rates
-    with np.errstate(invalid="ignore"):
-        relative = 2 * (second - first) / (first + second)
-    known = relative[np.isfinite(relative) & flat_areas(statistics.rates)]
-    if known.size < 2:
-        return float("nan")
-    return float(np.std(known - np.median(known)) / np.sqrt(2))

@@ -4,10 +4,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from saf_gen.addons.calibrate.comparison import mean_light
-from saf_gen.addons.calibrate.recordings import EncodedRecording
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.core.seeds import make_generator
+from studies.published_sensors import EncodedRecording, mean_light
 
 
 def draw_camera(seed: int) -> Sensor:

@@ -11,10 +11,10 @@ from scipy.ndimage import gaussian_filter
 
 from saf_gen.addons.calibrate.fit_sensor import fit_sensor
 from saf_gen.addons.calibrate.flat_checks import light_variation
-from saf_gen.addons.calibrate.recordings import EncodedRecording
 from saf_gen.addons.calibrate.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
+from studies.published_sensors import EncodedRecording
 
 BASE = get_sensor("vidar_400x250")
 COUNTED = (

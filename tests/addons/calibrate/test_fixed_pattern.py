@@ -7,10 +7,11 @@ import pytest
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.addons.calibrate.pattern_statistics import measure_pattern, split_pattern
+from saf_gen.addons.calibrate.flat_checks import split_pattern
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.camera.fixed_pattern import _draw_profile, draw_fixed_pattern
 from saf_gen.core.seeds import make_generator
+from studies.published_sensors import pattern_figures
 
 VIDAR = get_sensor("vidar_400x250")
 SHAPE = (250, 400)
@@ -45,7 +46,7 @@ REAL = {
 
 def measure(rate):
     """Return statistics of a map of rates, and correlations 1 and 20 columns apart of its rest, clipped at 3 rms."""
-    found = vars(measure_pattern(rate))
+    found = pattern_figures(rate)
     rest = split_pattern(rate)[2]
     clipped = np.clip(rest - np.median(rest), -3 * found["white_robust_rms"], 3 * found["white_robust_rms"])
     for apart in (1, 20):

@@ -1,19 +1,18 @@
 """Statistics of recordings, compared with a slow reference, spike by spike, and with planted numbers."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
 from saf_gen import write_stream
 from saf_gen.addons.calibrate import spike_statistics as kernel
-from saf_gen.addons.calibrate.recordings import EncodedRecording, open_recording
-from saf_gen.addons.calibrate.spike_statistics import measure_spikes, rms_between_halves
+from saf_gen.addons.calibrate.recordings import open_recording
+from saf_gen.addons.calibrate.spike_statistics import measure_spikes
 from saf_gen.camera import get_sensor
 from saf_gen.core.seeds import make_generator
 from saf_gen.stream.interop import export_raw_frames
 from saf_gen.stream.stream_writer import StreamWriter
+from studies.published_sensors import EncodedRecording
 
 
 def random_stream(path, *, frames=4517, rate=0.06, shape=(6, 9)):
@@ -44,25 +43,6 @@ def test_counts_intervals_and_halves_are_those_of_each_pixel(measured):
         for half, part in enumerate((times[times < len(spikes) // 2], times[times >= len(spikes) // 2])):
             rate = found.half_rates.reshape(2, -1)[half, p]
             assert np.isnan(rate) if len(part) < 2 else rate == pytest.approx(1 / np.diff(part).mean())
-
-
-def test_cv2_and_the_change_of_intervals_are_those_of_neighbouring_intervals(measured):
-    spikes, found = measured
-    cv2, change = [], []
-    for train in spikes.T:
-        for first, second in pairwise(np.diff(np.flatnonzero(train)).tolist()):
-            cv2.append(2 * abs(second - first) / (first + second))
-            if 20 <= first <= 30 and 20 <= second <= 30:
-                change.append(abs(second - first))
-    assert found.cv2 == pytest.approx(np.mean(cv2))
-    assert found.interval_change == pytest.approx(np.mean(change))
-
-
-@pytest.mark.parametrize("window", [10, 20, 50])
-def test_the_fano_factor_is_that_of_complete_windows(measured, window):
-    spikes, found = measured
-    whole = spikes[: len(spikes) // window * window].reshape(-1, window, spikes.shape[1]).sum(axis=1)
-    assert found.fano[window] == pytest.approx(whole.var(axis=0, ddof=1).mean() / whole.mean())
 
 
 def test_the_series_is_the_mean_of_all_pixels(measured):
@@ -99,24 +79,6 @@ def test_a_recording_that_is_encoded_as_it_is_read_is_that_of_the_stream(tmp_pat
             assert (recording.shape, recording.readout_hz) == (encoded.shape, encoded.readout_hz)
             assert all(np.array_equal(there, here) for there, here in zip(recording.blocks(), blocks, strict=True))
     assert all(np.array_equal(again, here) for again, here in zip(encoded.blocks(), blocks, strict=True))
-
-
-@pytest.mark.slow
-def test_a_spread_that_is_planted_between_halves_is_found(tmp_path):
-    """Rates of 10,000 pixels differ between halves by 5 % rms of the mean: 3.54 % per half, to 3 %, four sd (seed 5).
-
-    Trains are regular with 1/rate readouts; discrete readouts add about 1/(2·interval·number), or 0.1 %.
-    """
-    random = make_generator("halves", 5)
-    shape, half = (80, 125), 500
-    second = 0.1 * (1 + 0.05 * random.standard_normal(shape))
-    phase = random.random(shape)
-    t = np.arange(2 * half + 1)[:, None, None]
-    grown = 0.1 * t + (second - 0.1) * np.maximum(t - half, 0)
-    write_stream(tmp_path / "halves.h5", np.diff(np.floor(grown + phase), axis=0).astype(np.uint8))
-    with open_recording(tmp_path / "halves.h5") as recording:
-        found = rms_between_halves(measure_spikes(recording))
-    assert found == pytest.approx(0.05 / np.sqrt(2), rel=0.03)
 
 
 def test_what_is_no_recording_is_refused(tmp_path):
