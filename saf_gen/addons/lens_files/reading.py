@@ -16,8 +16,6 @@ from saf_gen.core.config.presets import is_preset_file
 from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.errors import BadInput
 
-LENSES = Path(__file__).parent / "lenses"
-"""The surfaces of the lenses that come with saf_gen, a .zmx file each."""
 MAX_LENS_BYTES, MAX_AGF_BYTES = 4 << 20, 16 << 20
 KINDS = "a sequential lens of Zemax (.zmx), or a table of surfaces (.yaml)"
 

@@ -1,4 +1,11 @@
-"""Lens files of known content: of Zemax, and tables of surfaces."""
+"""Lens files of known content: those that come with saf_gen, and made-up ones of Zemax and tables of surfaces."""
+
+from pathlib import Path
+
+import saf_gen
+
+LENSES = Path(saf_gen.__file__).parent / "addons/lens_files/lenses"
+"""The surfaces of the lenses that come with saf_gen, a .zmx file each."""
 
 BICONVEX = ((50.0, 6.0, (1.5168, 64.17)), ("stop", 2.0, None), (-80.0, 60.0, None))
 """Radius ("stop" for a stop in air behind it), thickness to the next surface and glass of a made-up lens, mm."""

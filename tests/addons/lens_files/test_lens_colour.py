@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from lens_texts import LENSES
 from pydantic import TypeAdapter
 from ray_by_ray import surfaces_of, traced
 
 from saf_gen.addons.lens_files.fit import traced_rays
-from saf_gen.addons.lens_files.reading import LENSES, read_prescription
+from saf_gen.addons.lens_files.reading import read_prescription
 from saf_gen.optics.axial_colour import shifted_positions
 from saf_gen.optics.fitted_file import read_lens
 from saf_gen.optics.lens_card import LensCard

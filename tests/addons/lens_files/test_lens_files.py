@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lens_texts import SINGLET, table_text, zemax_text
+from lens_texts import LENSES, SINGLET, table_text, zemax_text
 from pydantic import TypeAdapter
 from ray_by_ray import surfaces_of, traced
 from refusals import assert_says, refusal
@@ -11,7 +11,7 @@ from saf_gen.addons.lens_files.fit import Reach, find_reach, fit_lens, fitted_te
 from saf_gen.addons.lens_files.glass import AIR, catalogue, model_glass
 from saf_gen.addons.lens_files.prescription import Prescription, Surface
 from saf_gen.addons.lens_files.pupils import find_pupils
-from saf_gen.addons.lens_files.reading import LENSES, read_glasses, read_prescription
+from saf_gen.addons.lens_files.reading import read_glasses, read_prescription
 from saf_gen.addons.lens_files.trace import Rays, trace_back, trace_forward
 from saf_gen.optics import FocusCriterion
 from saf_gen.optics.fitted_file import read_lens, shipped_lenses

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lens_texts import LENSES
 from refusals import refusal
 from written_scenes import load_setup, needs_llvm, render_stack_once, write_scene
 
-from saf_gen.addons.lens_files.reading import LENSES, read_prescription
+from saf_gen.addons.lens_files.reading import read_prescription
 from saf_gen.addons.lens_files.trace import Rays, trace_back
 from saf_gen.optics import FittedLensDrive
 from saf_gen.optics.fitted_file import read_lens
