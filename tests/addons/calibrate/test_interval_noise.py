@@ -120,8 +120,8 @@ def regular(rates, frames=20_000, seed=1):
     first, last = np.ceil((1 - phase) / rates), np.ceil((number - phase) / rates)
     empty = np.zeros((*rates.shape, 11))
     return SpikeStatistics(
-        shape=(frames, *rates.shape), counts=number, interval=(last - first) / (number - 1), cv2=0.0,
-        interval_change=0.0, fano={}, half_rates=np.zeros((2, *rates.shape)), series=np.zeros(1), series_variance=0.0,
+        shape=(frames, *rates.shape), counts=number, interval=(last - first) / (number - 1),
+        half_rates=np.zeros((2, *rates.shape)), series=np.zeros(1), series_variance=0.0,
         squares=empty, numbers=empty.astype(np.int64),
     )  # fmt: skip
 
