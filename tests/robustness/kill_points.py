@@ -116,7 +116,7 @@ WRITERS = (
     Writer("import", ("import", "frames.npy", "--axes", "TYX", "--out", "out.h5"), "out.h5", state_of_stream),
     Writer("tune", ("tune", "data", *TRY, "--out", "out.json"), "out.json", state_of_tuned),
     Writer("generate", ("generate", "small.yaml", "--out", "out", "--variant", "scalar"), "out", state_of_dataset),
-    Writer("leaderboard", ("leaderboard", "one", "two", "--out", "out"), "out", state_of_records),
+    Writer("leaderboard", ("leaderboard", "merge", "one", "two", "--out", "out"), "out", state_of_records),
     Writer("evaluate", ("evaluate", "data", "--method", "sd+argmax", "--out", "out"), "out", state_of_records),
 )
 
