@@ -25,7 +25,6 @@ PUBLIC = {
     "saf_gen.camera": ["Encoder"],
     "saf_gen.optics.actuators": ["get_actuator", "ActuatedLens"],
     "saf_gen.errors": ["BadInput", "SafGenError"],
-    "saf_gen.addons.live.camera": ["LiveCamera"],
 }
 """Names on which scripts and plug-ins of users may rely, by the module from which to import them."""
 

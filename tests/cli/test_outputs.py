@@ -47,8 +47,6 @@ FOREIGN = {
     "croissant.json": ("generate recipe.yaml --out OUT", "saf-gen did not write it"),
     "camera.dat": (f"export {STREAM} --out OUT/camera.dat", "raw files do not say who wrote them"),
     "part.h5": (f"cut {STREAM} --to 100 --out OUT/part.h5", "is no saf-gen stream"),
-    "mine.yaml": (f"sensors fit {STREAM} --dark data/train/two.h5 --name mine --out OUT", "saf-gen did not write it"),
-    "fitted-mask.npy": (f"sensors fit {STREAM} --dark data/train/two.h5 --out OUT", "saf-gen did not write it"),
     "best.json": (f"{TUNE} OUT/best.json", "saf-gen did not write it"),
 }
 
@@ -86,7 +84,6 @@ LINKED = {
     "export": f"export {STREAM} --out OUT",
     "cut": f"cut {STREAM} --to 100 --out OUT",
     "tune": f"{TUNE} OUT",
-    "sensors fit": f"sensors fit {STREAM} --dark data/train/two.h5 --out OUT",
     "score": f"score {STREAM} --measure sd --window 100 --out OUT",
     "view": f"view {STREAM} --out OUT.png",
 }

@@ -140,6 +140,23 @@ def test_one_recording_gives_bounds_and_no_file(fit, tmp_path):
     assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
 
 
+@pytest.mark.parametrize("name", ["mine.yaml", "mine-mask.npy"])
+def test_a_file_of_the_user_is_not_replaced_by_a_fit(fit, recordings, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("mine")
+    code, _, err = fit("bright.h5", dark=recordings / "dark.h5", name="mine")
+    assert (code, "saf-gen did not write it" in err) == (2, True)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [name]
+    assert (tmp_path / "out" / name).read_text() == "mine"
+
+
+def test_a_fit_into_a_link_is_refused(fit, tmp_path):
+    (tmp_path / "out").symlink_to(tmp_path / "target")
+    code, _, err = fit("bright.h5", name="mine")
+    assert (code, "is a symbolic link" in err) == (2, True)
+    assert not (tmp_path / "target").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 def test_bounds_hold_whatever_the_light_does(moving):
