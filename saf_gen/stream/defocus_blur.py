@@ -4,15 +4,13 @@ A lens of aperture diameter A and image distance v images a surface at the dista
 sensor, a point of it is a disc of the diameter A·|v - v'|/v', which is |v·A·(1/u - 1/u')| for the distance u in focus.
 The sign is that of v - v': positive where the surface lies behind the plane in focus, negative in front of it.
 
-Aperture, focal length and pixel pitch are in the text ``/provenance/lens``. In files of before that text, the scene's
-card states the lens; it is used if it agrees with the distances and the depth of focus in the file.
+Aperture, focal length and pixel pitch are in the text ``/provenance/lens``.
 """
 
 import json
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -24,8 +22,6 @@ from saf_gen.stream.metadata import ReadableStream
 
 PROVENANCE_KEY = "lens"
 _UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, OverflowError, ZeroDivisionError, BadInput)
-_AGREEMENT = 1e-6
-"""Largest relative difference between numbers in a file, most of them float32, and those of a card's lens."""
 
 
 def lens_to_text(drive: Drive, *, pitch_m: float) -> str:
@@ -137,68 +133,19 @@ def _scene_moves(stream: ReadableStream) -> bool:
 def _find_lens(stream: ReadableStream) -> tuple[Drive, float]:
     """Return the drive of the lens and the pixel pitch in metres; raise BadInput if the file does not state them."""
     provenance, where = stream.metadata.provenance, str(stream.path)
-    if PROVENANCE_KEY in provenance:
-        try:
-            text = load_plain_json(provenance[PROVENANCE_KEY])
-            drive, pitch_m = drive_from_dict(text["drive"]), float(text["pitch_m"])
-            numbers = (pitch_m, float(drive.aperture_radius_m), float(drive.image_distance(0.5)))
-            if not all(math.isfinite(number) and number > 0 for number in numbers):
-                raise ValueError(numbers)
-        except _UNREADABLE as error:
-            raise BadInput(
-                f"its /provenance/{PROVENANCE_KEY} is {provenance[PROVENANCE_KEY][:80]!r}",
-                where=where,
-                allowed="pitch_m and drive, as saf-gen generate writes them",
-            ) from error
-        return drive, pitch_m
+    if PROVENANCE_KEY not in provenance:
+        allowed = f"streams with /provenance/{PROVENANCE_KEY}"
+        raise BadInput("does not state the aperture of its lens", where=where, allowed=allowed)
     try:
-        drive, pitch_m, wavelengths_m = _lens_of_card(stream)
-        agrees = _agrees(stream, drive, pitch_m=pitch_m, wavelengths_m=wavelengths_m)
-    except _UNREADABLE:
-        agrees = False
-    if not agrees:
+        text = load_plain_json(provenance[PROVENANCE_KEY])
+        drive, pitch_m = drive_from_dict(text["drive"]), float(text["pitch_m"])
+        numbers = (pitch_m, float(drive.aperture_radius_m), float(drive.image_distance(0.5)))
+        if not all(math.isfinite(number) and number > 0 for number in numbers):
+            raise ValueError(numbers)
+    except _UNREADABLE as error:
         raise BadInput(
-            "does not state the aperture of its lens",
+            f"its /provenance/{PROVENANCE_KEY} is {provenance[PROVENANCE_KEY][:80]!r}",
             where=where,
-            allowed=f"streams with /provenance/{PROVENANCE_KEY}",
-            hint="generate it again, which keeps its spikes",
-        )
+            allowed="pitch_m and drive, as saf-gen generate writes them",
+        ) from error
     return drive, pitch_m
-
-
-def _lens_of_card(stream: ReadableStream) -> tuple[Drive, float, tuple[float, float]]:
-    """Return the drive that the scene's card states today, the pixel pitch, and wavelengths that may have been drawn.
-
-    Raises an error of ``_UNREADABLE`` if the file does not state its scene or sensor, or there is no such scene.
-    """
-    from saf_gen.camera import parse_sensor  # these take a second to load, and newer streams need none of them
-    from saf_gen.core.config.yaml_document import parse_yaml
-    from saf_gen.scene.scene_folder import find_scene
-
-    provenance = stream.metadata.provenance
-    sequence = load_plain_json(provenance["sequence"])
-    recipe = parse_yaml(provenance["recipe"], f"{stream.path} /provenance/recipe").data
-    sensor = parse_sensor(provenance["sensor"], f"{stream.path} /provenance/sensor")
-    scene = find_scene(str(sequence["scene"])).with_params(dict(sequence["params"]))
-    drive = scene.build_drive(recipe["camera"]["exposure"]["f_number"])
-    return drive, sensor.pitch_m, (0.0, sensor.wavelength_m)
-
-
-def _agrees(stream: ReadableStream, drive: Drive, *, pitch_m: float, wavelengths_m: tuple[float, float]) -> bool:
-    """Return whether the distances and the depth of focus in a file are those of this lens.
-
-    The depth of focus tells its aperture. Of a lens with aberrations it does not follow from the aperture alone, so
-    that the aperture of such a lens cannot be checked.
-    """
-    metadata, truth = stream.metadata, stream.truth
-    if metadata.focus_position is None or truth.in_focus is not None:
-        return False
-    log = np.clip(metadata.focus_position.astype(np.float64), 0.0, 1.0)
-    stored: list[tuple[Any, Any]] = [
-        (metadata.image_distance, drive.image_distance(log)),
-        (metadata.object_distance, drive.object_distance(log)),
-    ]
-    if any(one is None or not np.allclose(one, other, rtol=_AGREEMENT, atol=0) for one, other in stored):
-        return False
-    depths = [drive.depth_of_focus(truth.position, pitch_m, wavelength_m=length) for length in wavelengths_m]
-    return any(np.allclose(sorted(truth.depth_of_focus), depth, rtol=_AGREEMENT, atol=0) for depth in depths)
