@@ -10,7 +10,13 @@ from planting import Change
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
 EACH_LAW = "studies/test_laws.py::test_a_law_holds_at_its_small_size"
-RENDERED = ("render/", "optics/test_microscope", "benchmark/test_closed_loop_events", EACH_LAW)
+RENDERED = (
+    "render/",
+    "optics/test_microscope",
+    "addons/lens_files/test_rendered",
+    "benchmark/test_closed_loop_events",
+    EACH_LAW,
+)
 """Tests that render, which takes long and needs LLVM."""
 COMPILED = ("camera.encoder_kernel", "camera.events.kernel", "camera.spad.kernel")
 """Modules that take long to compile."""

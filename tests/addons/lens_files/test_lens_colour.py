@@ -6,7 +6,6 @@ from lens_texts import LENSES
 from pydantic import TypeAdapter
 from ray_by_ray import surfaces_of, traced
 
-from saf_gen.optics import AxialColour
 from saf_gen.optics.fitted_file import read_lens
 from saf_gen.optics.lens_card import LensCard
 from saf_gen.optics.lens_colour import lens_colour
@@ -41,11 +40,3 @@ def test_the_focus_on_the_axis_moves_as_that_of_rays_through_the_surfaces(name, 
     moved = -1e3 * float(drive.image_distance(0.5)) ** 2 * shift[0]
     half_depth = 20e-3 * CARDS[name][0]
     assert moved == pytest.approx(best[1] - best[0], abs=0.1 * half_depth)
-
-
-def test_a_lens_may_say_at_which_wavelength_it_has_its_focal_length():
-    nm = np.array([450.0, 550.0, 650.0])
-    at_555 = AxialColour(singlet="n-bk7").relative_power(nm, reference_nm=555.0)
-    stated = AxialColour(singlet="n-bk7", reference_nm=555.0).relative_power(nm, reference_nm=850.0)
-    assert np.array_equal(at_555, stated)
-    assert "reference_nm" not in AxialColour(singlet="n-bk7").model_dump(exclude_none=True)
