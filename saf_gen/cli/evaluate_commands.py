@@ -81,10 +81,7 @@ def evaluate_command(
     ] = 60.0,
     limit_gib: Annotated[float, typer.Option(help="Memory in GiB that the process of such a method may use.")] = 2.0,
 ) -> None:
-    """Run focus methods on recordings, and rank them.
-
-    The ranking is printed, and written as tables and as a page.
-    """
+    """Run focus methods on recordings, rank them, and write tables and a page."""
     from saf_gen.benchmark.admission import admit_method, read_methods
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits

@@ -64,7 +64,7 @@ def test_what_ci_runs_on_windows_needs_nothing_that_only_posix_has(tmp_path):
     """Names that Windows lacks are taken away, and the libraries keep those that they have bound already."""
     np.save(tmp_path / "frames.npy", np.random.default_rng(0).integers(0, 255, (8, 32, 32), "uint8"))
     for line in (
-        "encode frames.npy --rate 1000 --out stream.h5",
+        "encode frames.npy --rate 1000 --linear --out stream.h5",
         "inspect stream.h5",
         "view stream.h5 --as tfp --window 100 --out view.png",
         "evaluate stream.h5 --method sd+argmax --out evaluation",

@@ -635,7 +635,7 @@ def documents(random: Random, folder: Path) -> Hostile:
     where, command = pick(random,
         ("data/manifest.json", "verify data"), ("data/manifest.json", "evaluate data --out out"),
         ("a.jsonl", "evaluate whole --predictions a.jsonl --out out"), ("tuned.json", "methods show @tuned.json"),
-        ("tuned.json", "evaluate whole --method @tuned.json --out out"), ("judged/records.jsonl", "leaderboard judged"),
+        ("tuned.json", "evaluate whole --method @tuned.json --out out"), ("judged/records.jsonl", "leaderboard merge judged"),
         ("judged/records.jsonl", "leaderboard verify judged --on whole"),
         ("a.txt", "evaluate whole --methods a.txt --out out"),
     )  # fmt: skip

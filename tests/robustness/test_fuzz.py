@@ -12,7 +12,7 @@ SEED = 41
 def test_no_spoiled_input_ends_in_anything_but_one_line(tmp_path, of_each_kind):
     lines = []
     assert fuzz(range(of_each_kind), SEED, folder=tmp_path, tell=lines.append) == []
-    assert lines[-1].startswith(f"{16 * of_each_kind} inputs of 16 kinds, seed {SEED}")
+    assert lines[-1].startswith(f"{17 * of_each_kind} inputs of 17 kinds, seed {SEED}")
 
 
 @pytest.mark.slow
