@@ -60,7 +60,9 @@ KINDS = (
         (HDF5, HDF5, HDF5, BYTES),
     ),
     Kind("manifest", ("data/manifest.json",), ("verify data", EVALUATE), PROGRAMS),
-    Kind("records", ("judged/records.jsonl",), ("leaderboard merge {} --out out", "leaderboard merge judged"), PROGRAMS),
+    Kind(
+        "records", ("judged/records.jsonl",), ("leaderboard merge {} --out out", "leaderboard merge judged"), PROGRAMS
+    ),
     Kind(
         "tuned file", ("tuned.json",), ("methods show @{}", "evaluate data --method @{} --out out"), (*PROGRAMS, JSON)
     ),
