@@ -50,6 +50,7 @@ class LightCourse:
         *,
         span_s: tuple[float, float],
         knots: int,
+        parts: int = 1,
     ) -> "LightCourse":
         """Return the course of a lens and of light groups over a recording, or a part of it.
 
@@ -62,7 +63,10 @@ class LightCourse:
         span_s : tuple of float
             Begin and end, seconds.
         knots : int
-            Number of knots, evenly spaced over the travel.
+            Number of knots, evenly spaced over the travel. Where the lens passes more than one of them in a cell, cells
+            end at knots.
+        parts : int, optional
+            Equal parts of the recording; cells end where these do.
 
         Raises
         ------
@@ -74,7 +78,7 @@ class LightCourse:
             raise BadInput(
                 f"the recording lasts from {begin!r} to {end!r} s", allowed="seconds, the end after the begin"
             )
-        edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / STEP_S)), 1) + 1)
+        edges = np.linspace(begin, end, parts * max(int(np.ceil((end - begin) / parts / STEP_S)), 1) + 1)
         while True:
             bent = _bends(edges, position=position, knots=knots)
             for integral in integrals:
@@ -84,6 +88,7 @@ class LightCourse:
                 break
             middles = 0.5 * (edges[:-1] + edges[1:])[bent]
             edges = np.sort(np.concatenate([edges, middles]))
+        edges = np.sort(np.concatenate([edges, _passages(edges, position(edges) * (knots - 1))]))
         index, fraction = knot_weights(position(edges), knots)
         gain = np.stack([np.stack(_ends(edges, integral), axis=1) for integral in integrals], axis=-1)
         if not gain.min() >= -1e-6:
@@ -128,6 +133,20 @@ def _misses(edges: np.ndarray, integral: Callable[[np.ndarray], np.ndarray]) -> 
         mean = (integral(edges[:-1] + share * span) - integral(edges[:-1])) / (share * span)
         missed |= np.abs(mean - (first + 0.5 * share * (last - first))) > tolerance
     return missed
+
+
+def _passages(edges: np.ndarray, knot: np.ndarray) -> np.ndarray:
+    """Return when a lens passes knots, (m,), in the cells in which it moves by more than one; ``knot`` is its course.
+
+    In shorter cells it jumps, and nothing that lies on its way is seen.
+    """
+    times = []
+    for n in np.nonzero((np.abs(np.diff(knot)) > 1.0 + KNOT_TOLERANCE) & (np.diff(edges) > SHORTEST_S))[0]:
+        low, high = sorted(knot[n : n + 2])
+        passed = np.arange(np.floor(low) + 1, np.ceil(high))
+        at = edges[n] + (edges[n + 1] - edges[n]) * (passed - knot[n]) / (knot[n + 1] - knot[n])
+        times.append(at[(at > edges[n] + SHORTEST_S) & (at < edges[n + 1] - SHORTEST_S)])
+    return np.concatenate(times) if times else np.empty(0)
 
 
 def _bends(edges: np.ndarray, *, position: Callable[[np.ndarray], np.ndarray], knots: int) -> np.ndarray:

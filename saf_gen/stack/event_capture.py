@@ -29,7 +29,7 @@ from saf_gen.stream.event_file import FINGERPRINT, EventColumns, EventWriter
 from saf_gen.stream.recordings import EventRecording
 from saf_gen.stream.stream_file import SpikeStream
 
-MODEL = 1
+MODEL = 2
 """Number of the law by which events are made; it is part of their fingerprint."""
 BLOCK_CELLS = 400  # a tenth of a second of even light; memory grows with the events of a block
 
@@ -72,6 +72,11 @@ class EventCapture:
             seed=derive_seed("events", capture.seed, sensor.name),
             device_seed=derive_seed("events", capture.device_seed, sensor.name), threads=threads,
         )  # fmt: skip
+
+    @property
+    def bus_full_s(self) -> float:
+        """For how many seconds so far events have waited for the readout, by more than a microsecond."""
+        return self._camera.bus_full_s
 
     def follow(self, position: Callable[[np.ndarray], np.ndarray], *, begin: int, end: int) -> LightCourse:
         """Return the course of readouts ``begin <= t < end`` for a lens whose position is a function of seconds."""
@@ -152,4 +157,5 @@ def record_events(
             course = events.follow(lambda at: np.interp(at, middles, logged), begin=run.begin, end=run.end)
             for part in events.record(run, course):
                 writer.write(EventColumns(part.x, part.y, part.t, part.p))
+        writer.bus_full_s = events.bus_full_s
     return writer.count, writer.content_sha256

@@ -83,6 +83,8 @@ def describe_events(events: EventFile) -> dict[str, str]:
         facts["busiest"] = (
             f"{int(counts.argmax())} ms after the beginning, {int(counts.max()):,} events in a millisecond"
         )
+    if (full := events.bus_full_s) is not None:
+        facts["bus"] = f"full for {1e3 * full:.4g} ms, {full / seconds:.2%} of the time" if full else "never full"
     return facts
 
 

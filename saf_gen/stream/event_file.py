@@ -1,11 +1,12 @@
 """The event file, layout version 1: one HDF5 file per sequence and event camera, beside the truth of the sequence.
 
 ``/events/x`` and ``/events/y`` (uint16), ``/events/t`` (uint32, microseconds) and ``/events/p`` (uint8, 1 for a rise of
-the light) are the columns of the events in the order in which they were read. ``/ms_to_idx`` (uint64) holds, for each
-millisecond, the index of the first event at or after it, and ``/t_offset`` (int64) is 0: the layout of DSEC (M. Gehrig
-et al., IEEE Robotics and Automation Letters 6, 2021, doi:10.1109/LRA.2021.3068942), whose readers take it. Everything
-else is as in a stream file (:mod:`saf_gen.stream.stream_file`): focus, light, truth and provenance, with T readouts of
-the spike camera as their frames.
+the light) are the columns of the events in the order in which they were read, all before the end of the recording.
+``/ms_to_idx`` (uint64) holds, for each millisecond up to the first that is not before this end, the index of the first
+event at or after it, so that it ends with the number of events, and ``/t_offset`` (int64) is 0: the layout of DSEC (M.
+Gehrig et al., IEEE Robotics and Automation Letters 6, 2021, doi:10.1109/LRA.2021.3068942), whose readers take it.
+Everything else is as in a stream file (:mod:`saf_gen.stream.stream_file`): focus, light, truth and provenance, with T
+readouts of the spike camera as their frames.
 """
 
 import hashlib
@@ -41,8 +42,8 @@ FINGERPRINT = "events_fingerprint"
 """Name of the text in the provenance that says from what the events were made."""
 TICKS_PER_MS = 1000
 LONGEST_S = 4000.0  # what a time in microseconds can say in 32 bits
-MOST_MS = (1 << 32) // TICKS_PER_MS
-"""Most milliseconds of an index, which then takes 34 MB."""
+BUS_FULL = "bus_full_s"
+"""Name of the text in the provenance that says for how many seconds events waited for the readout."""
 
 
 class EventColumns(NamedTuple):
@@ -71,6 +72,11 @@ class EventWriter:
     metadata : Metadata
         Everything that the file holds except the events.
 
+    Attributes
+    ----------
+    bus_full_s : float or None
+        For how many seconds events waited for the readout, if it is known; to be set before the end.
+
     Raises
     ------
     BadInput
@@ -83,13 +89,14 @@ class EventWriter:
     ) -> None:
         self.path, self.shape, self.readout_hz = Path(path), shape, float(readout_hz)
         self.content_sha256, self.count = "", 0
+        self.bus_full_s: float | None = None
         if shape[0] / readout_hz > LONGEST_S:
             raise BadInput(f"the recording lasts {shape[0] / readout_hz:g} s", allowed=f"at most {LONGEST_S:,g} s")
         self._datasets = metadata_to_datasets(metadata, shape)
         self._hashes = {name: hashlib.sha256() for name in COLUMNS}
         self._index: list[np.ndarray] = []
         self._waiting: list[dict[str, np.ndarray]] = []
-        self._milliseconds = _index_length(shape[0], self.readout_hz)
+        self._end, self._milliseconds = _end(shape[0], self.readout_hz), _index_length(shape[0], self.readout_hz)
         self._next_ms = self._last = self._stored = 0
 
     def __enter__(self) -> Self:
@@ -113,7 +120,7 @@ class EventWriter:
     def write(self, events: EventColumns) -> None:
         """Append events, whose times do not fall and begin at or after the last one.
 
-        Raises BadInput if they do not, if a time does not fit into 32 bits, or if the disk is full.
+        Raises BadInput if they do not, if they are not before the end of the recording, or if the disk is full.
         """
         t = np.asarray(events.t)
         if t.size == 0:
@@ -122,12 +129,12 @@ class EventWriter:
             raise BadInput(
                 "the times of events fall", where=str(self.path), allowed="events in the order of their times"
             )
-        until = int(t[-1]) // TICKS_PER_MS + 1
-        if until > MOST_MS:
+        if t[-1] >= self._end:
             raise BadInput(
-                f"an event was read after {t[-1] / 1e6:,.0f} s", where=str(self.path),
-                allowed=f"at most {MOST_MS // 1000:,} s", hint="use a sensor with a faster readout",
+                f"an event was read after {t[-1]:,} µs", where=str(self.path),
+                allowed=f"events before the end of the recording, {self._end:,} µs",
             )  # fmt: skip
+        until = int(t[-1]) // TICKS_PER_MS + 1
         starts = np.searchsorted(t, np.arange(self._next_ms, until) * TICKS_PER_MS) + self.count
         self._index.append(starts.astype(np.uint64))
         self._next_ms, self._last = until, int(t[-1])
@@ -165,9 +172,12 @@ class EventWriter:
         with self._undo:
             self._store(self.count)
             self._disk.check()
-            rest = np.full(max(self._milliseconds - self._next_ms, 0), self.count, np.uint64)
+            rest = np.full(self._milliseconds - self._next_ms, self.count, np.uint64)
             self._file.create_dataset("ms_to_idx", data=np.concatenate([*self._index, rest]))
             self._file.create_dataset("t_offset", data=np.int64(0))
+            if self.bus_full_s is not None:
+                text = f"{self.bus_full_s:.6f}"
+                self._file.create_dataset(f"provenance/{BUS_FULL}", data=text, dtype=h5py.string_dtype())
             digests = {name: digest.hexdigest() for name, digest in self._hashes.items()}
             self.content_sha256 = _content_digest(
                 self._datasets, digests, count=self.count, shape=self.shape, readout_hz=self.readout_hz
@@ -178,9 +188,14 @@ class EventWriter:
             )  # fmt: skip
 
 
+def _end(frames: int, readout_hz: float) -> int:
+    """Return the microsecond at which a recording ends."""
+    return round(frames / readout_hz * 1e6)
+
+
 def _index_length(frames: int, readout_hz: float) -> int:
-    """Return the least number of milliseconds of ``/ms_to_idx``; events that wait for the readout come later."""
-    return int(np.ceil(frames / readout_hz * 1e3)) + 1
+    """Return the number of milliseconds of ``/ms_to_idx``, of which the last is not before the end."""
+    return -(-_end(frames, readout_hz) // TICKS_PER_MS) + 1
 
 
 def has_events(path: str | os.PathLike[str]) -> bool:
@@ -221,6 +236,8 @@ class EventFile(CheckedFile):
         Lens, light and truth, as in a stream file; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are its.
     content_sha256 : str
         Digest of the content.
+    bus_full_s : float or None
+        For how many seconds events waited for the readout, by more than a microsecond, if the file says so.
     """
 
     path: Path
@@ -235,6 +252,7 @@ class EventFile(CheckedFile):
             self._read_columns(str(path))
             self._index = self._read_index(str(path))
             self._read_metadata()
+        self.bus_full_s = self._read_bus(str(path))
 
     def _read_size(self, where: str) -> None:
         frames, rows, columns = (
@@ -265,25 +283,38 @@ class EventFile(CheckedFile):
             check_deflated(stored, where=where)
 
     def _read_index(self, where: str) -> np.ndarray:
-        """Return the index of milliseconds, which ends with the number of events."""
+        """Return the index of milliseconds."""
         offset = open_dataset(self._file, "t_offset", where=where)
         if offset.dtype.kind not in "iu" or offset.shape != () or offset[()] != 0:
             raise BadInput("/t_offset is not 0", where=where, allowed="a whole number, 0")
         stored = open_dataset(self._file, "ms_to_idx", where=where, bulk=True)
-        least = _index_length(self.shape[0], self.readout_hz)
-        if stored.dtype != np.uint64 or stored.ndim != 1 or not least <= stored.size <= MOST_MS or stored.chunks:
+        shape = (_index_length(self.shape[0], self.readout_hz),)
+        if stored.dtype != np.uint64 or stored.shape != shape or stored.chunks:
             raise BadInput(
                 f"/ms_to_idx is {stored.dtype} {stored.shape}{' in chunks' if stored.chunks else ''}", where=where,
-                allowed=f"uint64 in one piece, one for each millisecond: {least} to {MOST_MS}", hint="make it again",
+                allowed=f"uint64 {shape} in one piece, one for each millisecond", hint="make it again",
             )  # fmt: skip
         check_stored(stored, where=where)
-        index = np.append(stored[:], np.uint64(self.count))
-        if index[0] != 0 or (index[1:] < index[:-1]).any():
+        index = stored[:]
+        if index[0] != 0 or index[-1] != self.count or (index[1:] < index[:-1]).any():
             raise BadInput(
-                "/ms_to_idx falls or leaves the events", where=where, allowed=f"from 0 up to at most {self.count}",
+                "/ms_to_idx falls or leaves the events", where=where, allowed=f"from 0 up to {self.count}",
                 hint="make it again",
             )  # fmt: skip
         return index.astype(np.int64)
+
+    def _read_bus(self, where: str) -> float | None:
+        """Return for how long events waited for the readout; raise BadInput if it is no part of the recording."""
+        text = self.metadata.provenance.get(BUS_FULL)
+        if text is None:
+            return None
+        try:
+            full = float(text)
+        except ValueError:
+            full = -1.0
+        if not 0 <= full <= self.seconds + 1e-6:
+            raise BadInput(f"/provenance/{BUS_FULL} is {text[:20]!r}", where=where, allowed=f"0 to {self.seconds:g}")
+        return full
 
     def __repr__(self) -> str:
         _, rows, columns = self.shape
@@ -328,13 +359,8 @@ class EventFile(CheckedFile):
         if (t[1:] < t[:-1]).any():
             raise BadInput("the times of its events fall", where=where, allowed="times in order", hint=hint)
         first, last = int(t[0]) // TICKS_PER_MS, int(t[-1]) // TICKS_PER_MS
-        if last >= len(self._index) - 1:
-            raise BadInput(
-                f"/events/t holds {t[-1]}",
-                where=where,
-                allowed=f"the {len(self._index) - 1} ms of its index",
-                hint=hint,
-            )
+        if t[-1] >= (end := _end(self.shape[0], self.readout_hz)):
+            raise BadInput(f"/events/t holds {t[-1]}", where=where, allowed=f"0 to {end - 1}", hint=hint)
         starts = low + np.searchsorted(t, np.arange(first, last + 2) * TICKS_PER_MS)
         if not np.array_equal(self._index[first : last + 2].clip(low, high), starts):
             raise BadInput("its index of milliseconds does not fit its events", where=where, hint=hint)

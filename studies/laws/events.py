@@ -1,12 +1,16 @@
-"""Events: how many a change of the light makes, by its contrast, and how many come in light that does not change.
+"""Events: how many a change of the light makes, how many come in light that does not change, and how many are read.
 
 The camera is exposed to even light directly, without a rendered scene: what is checked are its pixels.
 """
 
+import math
+
 import numpy as np
 from scipy.special import ndtr
+from scipy.stats import binom
 
-from saf_gen.camera.events import EventSensor, encode_events, get_event_sensor
+from saf_gen.camera import LightCourse
+from saf_gen.camera.events import EventCamera, EventSensor, encode_events, get_event_sensor
 from studies.laws.law import FALSE_ALARM, Comparison, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.workload import DatasetMaker
 
@@ -15,6 +19,9 @@ RELATIVE_LIGHT = (0.0, 0.3, 1.0, 3.0, 10.0)
 RANDOM_HZ, RESET_S, LEAK_HZ = 100.0, 5e-3, 5.0
 SMALLEST_THRESHOLD = 0.01
 LIGHT = 1e5  # electrons per second
+LOADS = (0.2, 0.5, 0.8, 1.0, 1.3, 2.0)
+SHARED_BUS = (4, 6)  # pixels
+BLOCK_CELLS = 100  # courses of 25 ms
 QUIET = dict.fromkeys(("mismatch", "bandwidth", "refractory", "leak", "shot", "hot", "readout"), False)
 
 
@@ -114,6 +121,67 @@ def _check_constant(maker: DatasetMaker, quick: bool) -> Finding:
     return Finding(tuple(comparisons), Plot("light, relative to that which halves them", "events per second", curves))
 
 
+def reading_rate(pixels: int, rate_hz: float, *, service_s: float) -> float:
+    """Return the events a second that a bus reads if each pixel asks at a rate while it does not wait (M/D/1//N).
+
+    At the end of a reading k events wait, or else the next one to come is read. Its pixel is free as soon as reading
+    begins; during it, each pixel that does not wait asks with probability 1 - exp(-rate·service). The shares of k are
+    those that a reading leaves as they are.
+    """
+    change = np.zeros((pixels + 1, pixels + 1))
+    for waiting in range(pixels + 1):
+        left = max(waiting - 1, 0)
+        new = np.arange(pixels - left + 1)
+        change[waiting, left + new] = binom.pmf(new, pixels - left, -np.expm1(-rate_hz * service_s))
+    shares = np.linalg.lstsq(
+        np.vstack([change.T - np.eye(pixels + 1), np.ones(pixels + 1)]),
+        np.append(np.zeros(pixels + 1), 1.0),
+        rcond=None,
+    )[0]
+    return float(1 / (service_s + shares[0] / (pixels * rate_hz)))
+
+
+def _check_queue(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare the events that a bus reads, by its load, with a queue in which each pixel has one request at most."""
+    pixels, begin_s, seconds = math.prod(SHARED_BUS), 0.1, 1.1 if quick else 4.1
+    course = LightCourse.follow(lambda at: 0 * at, [lambda at: at], span_s=(0.0, seconds), knots=1)
+    cells = len(course.seconds) - 1
+    comparisons = []
+    for load in LOADS:
+        sensor = get_event_sensor(
+            "davis346",
+            dark_e_per_s=1e-3,
+            shot_hz=RANDOM_HZ,
+            readout_events_per_s=pixels * RANDOM_HZ / load,
+            noise=QUIET | {"shot": True, "readout": True},
+        )
+        counts = []
+        for seed in range(1, 21 if quick else 61):
+            camera, dark = EventCamera(sensor, SHARED_BUS, seed=seed, threads=1), np.zeros((1, 1, *SHARED_BUS), "f4")
+            blocks = [course.block(a, min(a + BLOCK_CELLS, cells)) for a in range(0, cells, BLOCK_CELLS)]
+            times = np.concatenate([camera.record(dark, block).t for block in blocks])
+            counts.append((times >= begin_s * 1e6).sum())
+        expected = reading_rate(pixels, RANDOM_HZ, service_s=load / (pixels * RANDOM_HZ)) * (seconds - begin_s)
+        comparisons.append(
+            compare_mean(
+                f"events read, load {load:g}",
+                np.array(counts),
+                expected=expected,
+                figures=len(LOADS),
+                least_scatter=0.5,
+            )
+        )
+    x, lasting = np.linspace(LOADS[0], LOADS[-1], 60), seconds - begin_s
+    law = tuple(reading_rate(pixels, RANDOM_HZ, service_s=load / (pixels * RANDOM_HZ)) for load in x)
+    curves = (
+        Curve("law", tuple(x), law),
+        Curve("camera", LOADS, tuple(one.measured / lasting for one in comparisons), "points"),
+    )
+    return Finding(
+        tuple(comparisons), Plot("requests of idle pixels, relative to the bus", "events per second", curves)
+    )
+
+
 _BY_CHANCE = (
     f"Only the scatter between pixels: all figures together fail correct code once in {1 / FALSE_ALARM:,.0f} runs."
 )
@@ -140,5 +208,16 @@ LAWS = (
         "without resets.",
         _BY_CHANCE,
         _check_constant,
+    ),
+    Law(
+        "events_queue",
+        "Pixels share a bus: an event is read when those before it have been read, and until then its pixel has no "
+        "other.",
+        "X = 1/(D + π₀/(N·R)), π₀ the share of readings after which none of N pixels waits (M/D/1//N)",
+        "L. Takács, Introduction to the Theory of Queues, 1962, ch. 5",
+        f"Random events of R = {RANDOM_HZ:g} Hz in the dark; 60 arrays of N = {math.prod(SHARED_BUS)} pixels for "
+        f"4 s each, in courses of 25 ms, on buses of which N·R is {', '.join(map(str, LOADS))} times what they read.",
+        _BY_CHANCE,
+        _check_queue,
     ),
 )

@@ -1,6 +1,7 @@
 """The event camera, compared with closed forms, with a solver of differential equations, and with its own laws."""
 
 import hashlib
+import heapq
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from saf_gen.camera.course import LightCourse
 from saf_gen.camera.events import EventCamera, encode_events, event_sensor_names, get_event_sensor
+from saf_gen.camera.events.camera import Events
 from saf_gen.plugins.lights import get_light
 
 QUIET = dict.fromkeys(("mismatch", "bandwidth", "refractory", "leak", "shot", "hot", "readout"), False)
@@ -225,6 +227,165 @@ def test_events_wait_for_the_readout():
     assert len(events.t) == 200
     assert abs(events.t[0] - 10_000) <= 1
     assert (np.diff(events.y.astype(int) * 10 + events.x) > 0).all()  # in the order of the pixels
+
+
+# --- the queue: one request per pixel -------------------------------------------------------------------
+
+CROWD = (5, 8)
+RISE = 400.0  # of the logarithm of the light, per second: a threshold in half a millisecond
+
+
+def crowd(rate, refractory_s, *, seconds=0.02, cuts=(), threads=2, seed=7):
+    """Return the events of pixels whose logarithm rises evenly, in pieces, and for how long the bus was full."""
+    knots = np.exp(RISE * np.linspace(0, seconds, 801)).astype(np.float32)
+    stack = 10.0 * knots[None, :, None, None] * np.ones((1, 1, *CROWD), np.float32)
+    sensor = davis("mismatch", "refractory", "readout", readout_events_per_s=rate, refractory_s=refractory_s)
+    whole = LightCourse.follow(lambda at: at / seconds, [lambda at: at], span_s=(0.0, seconds), knots=801, parts=800)
+    camera = EventCamera(sensor, CROWD, seed=seed, threads=threads)
+    edges = [0, *cuts, len(whole.seconds) - 1]
+    parts = [camera.record(stack, whole.block(a, b)) for a, b in pairwise(edges)]
+    return Events(*(np.concatenate(columns) for columns in zip(*parts, strict=True))), camera.bus_full_s
+
+
+def thresholds(seed=7):
+    """Return the ON threshold of each pixel of the crowd: its first event, with a bus that keeps no pixel waiting."""
+    free, _ = crowd(1e12, 1.0, seed=seed)
+    first = np.zeros(CROWD)
+    first[free.y, free.x] = free.t * 1e-6 * RISE
+    return first.ravel()
+
+
+def twin(rate, refractory_s, seconds=0.02):
+    """Return times and pixels of the events of the crowd, and how long the bus is full, as one would write it down."""
+    theta = thresholds()
+    queue, free, events, full_s = [(t / RISE, pixel) for pixel, t in enumerate(theta)], 0.0, [], 0.0
+    heapq.heapify(queue)
+    while queue:
+        asked, pixel = heapq.heappop(queue)
+        read = max(asked, free)
+        free = read + 1 / rate
+        if read < seconds:
+            events.append((read, pixel))
+            full_s += min(read - asked, 1 / rate) * (read - asked > 1e-6)
+            heapq.heappush(queue, (read + refractory_s + theta[pixel] / RISE, pixel))
+    return np.array(events), full_s
+
+
+@pytest.mark.parametrize("refractory_s", [1e-5, 2e-4, 3e-3])
+@pytest.mark.parametrize("rate", [5e3, 3e4, 9e4, 1e6, 1e12])
+def test_events_wait_as_the_queue_says(rate, refractory_s):
+    """From a bus that is always full to one that is never: counts of each pixel, and how they share the bus."""
+    events, full_s = crowd(rate, refractory_s)
+    wanted, wanted_full_s = twin(rate, refractory_s)
+    pixels = events.y.astype(int) * CROWD[1] + events.x
+    assert abs(len(events.t) - len(wanted)) <= 2 + 0.01 * len(wanted)  # thresholds are known to a microsecond
+    counts = [np.bincount(of, minlength=40) for of in (pixels, wanted[:, 1].astype(int))]
+    assert np.abs(counts[0] - counts[1]).max() <= 1
+    same = min(len(wanted), 60)
+    np.testing.assert_allclose(events.t[:same], wanted[:same, 0] * 1e6, atol=8)
+    assert full_s == pytest.approx(wanted_full_s, rel=0.05, abs=2e-5)
+    assert rate != 5e3 or full_s > 0.019
+
+
+@pytest.mark.parametrize("refractory_s", [1e-5, 2e-4, 3e-3])
+@pytest.mark.parametrize("rate", [5e3, 3e4, 9e4, 1e6])
+@pytest.mark.parametrize("cuts", [(), (1, 7, 200, 201, 500)])
+def test_no_pixel_fires_in_its_reset_and_none_after_the_end(rate, refractory_s, cuts):
+    """The reset counts from when an event was read; whatever waits at the end is not read."""
+    events, _ = crowd(rate, refractory_s, cuts=cuts)
+    assert events.t[-1] < 20_000
+    assert (np.diff(events.t) >= 0).all()
+    paced = events.t[10:] - events.t[:-10]  # ten events later
+    assert paced.min() >= 1e7 / rate - 1
+    pixels = events.y.astype(int) * CROWD[1] + events.x
+    gaps = np.concatenate([np.diff(events.t[pixels == n]) for n in range(40)])
+    assert gaps.min() >= refractory_s * 1e6 - 1
+
+
+@pytest.mark.parametrize("rate", [5e3, 3e4, 9e4, 1e6, 1e12])
+def test_the_queue_goes_on_from_one_piece_of_time_to_the_next(rate):
+    whole, full_s = crowd(rate, 2e-4)
+    for cuts, threads in (((400,), 1), ((1, 7, 200, 201, 500), 2), (range(1, 800), 3)):
+        pieces, full_in_pieces_s = crowd(rate, 2e-4, cuts=cuts, threads=threads)
+        for a, b in zip(whole, pieces, strict=True):
+            np.testing.assert_array_equal(a, b)
+        assert full_in_pieces_s == pytest.approx(full_s, abs=1e-9)
+
+
+@pytest.mark.parametrize("switches", [(), ("refractory",), ("bandwidth", "shot"), tuple(QUIET)])
+def test_a_bus_that_is_full_for_a_moment_changes_nothing_before_it(switches):
+    """Pixels are advanced by another loop while the bus is full; both have the same events where it is not."""
+    light = get_light("steps", every_s=0.03, levels=[1.0, 0.4])
+    level, shape = 1e5, (20, 30)
+    stack = np.random.default_rng(5).uniform(0.2, 1, (1, 2, *shape)).astype(np.float32) * np.float32(level)
+
+    def events(*cuts, seconds=0.05):
+        sensor = davis(*switches, "readout", readout_events_per_s=1.2e6)
+        whole = LightCourse.follow(lambda t: t / 0.05, [lambda t: light.integral(t, 0.05)], span_s=(0.0, 0.05), knots=2)
+        camera, n = EventCamera(sensor, shape, seed=2), len(whole.seconds) - 1
+        edges = [0, *(round(cut * n) for cut in cuts), n]
+        parts = [camera.record(stack, whole.block(a, b)) for a, b in pairwise(edges)]
+        assert 2e-5 < camera.bus_full_s < 2e-3
+        return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+
+    whole = events()
+    assert (whole[0] < 29_000).sum() > 500
+    for a, b in zip(whole, events(0.1, 0.3, 0.5, 0.95), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(("rate", "full"), [(1e5, (0.9, 1.0)), (4e5, (0.1, 0.9)), (1e7, (0.0, 0.001))])
+def test_flicker_that_is_too_fast_for_the_bus_gives_no_event_after_the_end(rate, full):
+    """100 Hz at a depth of 0.9: the queue fills and empties, and pixels that waited go on as the others do."""
+    sensor, seconds = get_event_sensor("davis346", readout_events_per_s=rate), 0.05
+    flicker = get_light("flicker", hz=100.0, depth=0.9)
+    camera = EventCamera(sensor, (20, 30), seed=3)
+    stack = np.random.default_rng(2).uniform(2e4, 4e5, (1, 1, 20, 30)).astype(np.float32)
+    events = camera.record(stack, course(flicker, seconds))
+    assert 4_000 < len(events.t) <= seconds * rate + 1
+    assert events.t[-1] < seconds * 1e6
+    pixels = events.y.astype(int) * 30 + events.x
+    gaps = np.concatenate([np.diff(events.t[pixels == n]) for n in range(600)])
+    assert gaps.min() >= 499  # 500 µs of reset
+    assert full[0] <= camera.bus_full_s / seconds <= full[1]
+
+
+# --- pictures that follow each other fast ---------------------------------------------------------------
+
+
+def flashes(pictures):
+    """Return pictures of which every fifth is three times as bright, and how many of them are."""
+    bright = (np.arange(pictures) % 5 == 2) & (np.arange(pictures) < pictures - 1)
+    levels = np.where(bright, 3e5, 1e5).astype(np.float32)
+    levels[0] = 1.02e5  # so that no level lies on a threshold
+    return levels[:, None, None] * np.ones((1, 1, 2), np.float32), bright.sum()
+
+
+@pytest.mark.parametrize("pictures", [201, 1001, 3001, 3998, 4001, 4002, 6001, 20_001])
+def test_no_picture_is_dropped(pictures):
+    """In a second: five thresholds up to each bright picture, and five down from it."""
+    light, bright = flashes(pictures)
+    t, p = of_pixel(encode_events(light, davis(), seconds=1.0, seed=1))
+    assert len(t) == 10 * bright
+    assert p.sum() == 5 * bright
+    up = (1 + (1.02 * np.exp(THETA * np.arange(1, 6)) - 1) / 2) / (pictures - 1)  # to the first bright one
+    np.testing.assert_allclose(t[:5], up * 1e6, atol=1.0)
+
+
+@pytest.mark.parametrize("pictures", [4202, 6001, 20_001, 30_000])
+def test_a_lens_that_passes_many_knots_in_a_cell_sees_each_of_them(pictures):
+    light, bright = flashes(pictures)
+    followed = LightCourse.follow(lambda at: at / 0.5 % 1.0, [lambda at: at], span_s=(0.0, 0.4999), knots=pictures)
+    events = EventCamera(davis(), (1, 2), seed=1).record(light[None], followed)
+    assert len(of_pixel(events)[0]) == pytest.approx(10 * bright, rel=0.003)
+
+
+def test_a_lens_that_jumps_sees_no_knot_on_its_way():
+    light, _ = flashes(1001)
+    followed = LightCourse.follow(
+        lambda at: np.where(at < 0.0501234, 0.0, 1.0), [lambda at: at], span_s=(0.0, 0.1), knots=1001
+    )
+    assert len(EventCamera(davis(), (1, 2), seed=1).record(light[None], followed).t) == 0
 
 
 # --- what must not matter ------------------------------------------------------------------------------

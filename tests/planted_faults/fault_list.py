@@ -303,9 +303,40 @@ FAULTS = {
             "camera/test_events.py::test_a_step_within_the_reset_is_lost",
         ),
     ),
+    "queue forgotten": Fault(
+        "The readout of an event camera forgets from one block of time to the next what still waits for it.",
+        (
+            Change(
+                "camera.events.camera", "return self._hand_over(", "self._bus_free = -np.inf; return self._hand_over("
+            ),
+        ),
+        (
+            "camera/test_events.py::test_the_queue_goes_on_from_one_piece_of_time_to_the_next",
+            "camera/test_events.py::test_no_pixel_fires_in_its_reset_and_none_after_the_end",
+        ),
+    ),
+    "waiting pixels fire": Fault(
+        "A pixel of an event camera goes on while its event waits for the readout.",
+        (Change("camera.events.kernel", "if read[count] - at > TICK_S:", "if read[count] - at > 1e9 * TICK_S:"),),
+        (
+            "camera/test_events.py::test_events_wait_as_the_queue_says",
+            "camera/test_events.py::test_flicker_that_is_too_fast_for_the_bus_gives_no_event_after_the_end",
+        ),
+    ),
+    "pictures dropped": Fault(
+        "Cells of time do not end where a lens, or a sequence of pictures, passes a knot.",
+        (
+            Change("camera.events.camera", "parts=max(knots - 1, 1)", "parts=1"),
+            Change("camera.course", "> 1.0 + KNOT_TOLERANCE", "> 1e9 + KNOT_TOLERANCE"),
+        ),
+        (
+            "camera/test_events.py::test_no_picture_is_dropped",
+            "camera/test_events.py::test_a_lens_that_passes_many_knots_in_a_cell_sees_each_of_them",
+        ),
+    ),
     "polarity flipped": Fault(
         "An event camera reports a rise of the light as a fall.",
-        (Change("camera.events.camera", "rises[order])", "~rises[order])"),),
+        (Change("camera.events.camera", "np.uint16), rises)", "np.uint16), ~rises)"),),
         (
             "camera/test_events.py::test_a_ramp_has_events_where_its_logarithm_passes_a_threshold",
             "camera/test_events.py::test_a_step_has_all_its_events_when_it_happens",

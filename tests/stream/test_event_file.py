@@ -1,5 +1,6 @@
 """The event file: what is written comes back, its index is DSEC's, and what is damaged is refused."""
 
+import itertools
 import zlib
 
 import h5py
@@ -100,14 +101,48 @@ def test_hdf5_reads_nothing_back_while_events_are_written(tmp_path, monkeypatch)
             np.testing.assert_array_equal(got, wanted)
 
 
-def test_events_that_waited_for_the_readout_are_kept_after_the_end(tmp_path):
-    put = some_events()._replace(t=np.sort(some_events().t + 3_500))
-    write(tmp_path / "events.h5", put, pieces=2)
-    with saf_gen.open_events(tmp_path / "events.h5") as events:
+@pytest.mark.parametrize(("frames", "hz"), [(4000, 20_000.0), (4001, 20_000.0), (1000, 30_000.0), (7, 20_000.0)])
+def test_the_index_reaches_past_the_last_event_and_slices_add_up_to_all_of_them(tmp_path, frames, hz):
+    """Recordings of whole milliseconds, of whole microseconds, and of neither."""
+    end = round(frames / hz * 1e6)
+    put = some_events(500)._replace(t=np.sort(np.random.default_rng(2).integers(0, end, 500)))
+    put.t[-1] = end - 1
+    metadata = Metadata(focus_position=np.zeros(frames, np.float32))
+    with EventWriter(tmp_path / "a.h5", shape=(frames, 6, 9), readout_hz=hz, metadata=metadata) as writer:
+        writer.write(put)
+    with h5py.File(tmp_path / "a.h5") as file:
+        index = file["ms_to_idx"][:]
+    assert index[-1] == 500
+    assert (len(index) - 2) * 1000 < end <= (len(index) - 1) * 1000
+    with saf_gen.open_events(tmp_path / "a.h5") as events:
         events.verify()
-        assert events.count == 5000
-        assert events.counts(0, 0.2).sum() == (put.t < 200_000).sum() < 5000
-        assert events.counts_of_ms().sum() == 5000
+        assert events.events(0, events.seconds).t.size == events.count == events.counts_of_ms().sum() == 500
+        edges = np.linspace(0, events.seconds, 8)
+        assert sum(events.counts(a, b).sum() for a, b in itertools.pairwise(edges)) == 500
+
+
+@pytest.mark.parametrize(
+    ("full_s", "words"),
+    [(None, ""), (0.0, "never full"), (0.0123, "full for 12.3 ms, 6.15% of the time"), (0.2, "200 ms, 100.00% of")],
+)
+def test_inspect_says_for_how_long_the_bus_was_full(tmp_path, call, full_s, words):
+    with EventWriter(tmp_path / "a.h5", shape=SHAPE, readout_hz=20_000, metadata=Metadata()) as writer:
+        writer.write(some_events())
+        writer.bus_full_s = full_s
+    with saf_gen.open_events(tmp_path / "a.h5") as events:
+        assert events.bus_full_s == full_s
+    code, output, _ = call("inspect", tmp_path / "a.h5")
+    assert code == 0
+    assert words in output
+    assert ("full" in output) == (full_s is not None)
+
+
+@pytest.mark.parametrize("text", ["soon", "nan", "-1", "0.3"])
+def test_a_bus_that_was_full_for_no_part_of_the_recording_is_refused(tmp_path, text):
+    write(tmp_path / "a.h5", some_events(), bus_full_s=text)
+    assert f"/provenance/bus_full_s is '{text}'; allowed: 0 to 0.2" in str(
+        refusal(saf_gen.open_events, tmp_path / "a.h5")
+    )
 
 
 def test_no_event_at_all(tmp_path):
@@ -123,10 +158,11 @@ def test_no_event_at_all(tmp_path):
     [
         ([[10, 20], [5, 30]], "the times of events fall"),
         ([[10, 30, 20, 40]], "the times of events fall"),
-        ([[10, 20], [30, 2**32]], "an event was read after 4,295 s; allowed: at most 4,294 s"),
+        ([[10, 20], [30, 200_000]], "an event was read after 200,000 µs; allowed: events before the end"),
+        ([[10, 20], [30, 2**32]], "an event was read after 4,294,967,296 µs; allowed: events before the end"),
     ],
 )
-def test_times_that_fall_or_leave_32_bits_are_refused_and_nothing_is_left(tmp_path, times, words):
+def test_times_that_fall_or_leave_the_recording_are_refused_and_nothing_is_left(tmp_path, times, words):
     def wrong():
         with EventWriter(tmp_path / "a.h5", shape=SHAPE, readout_hz=20_000, metadata=Metadata()) as writer:
             for t in times:
@@ -246,7 +282,7 @@ FOREIGN = {
     ),
     "linked columns": (linked_group, "/events is a link"),
     "no index": (lambda file: file.pop("ms_to_idx"), "has no /ms_to_idx"),
-    "an empty index": (put("ms_to_idx", np.zeros(0, "u8")), "/ms_to_idx is uint64 (0,); allowed: uint64 in one piece"),
+    "an empty index": (put("ms_to_idx", np.zeros(0, "u8")), "/ms_to_idx is uint64 (0,); allowed: uint64 (201,)"),
     "an index of two axes": (put("ms_to_idx", np.zeros((201, 1), "u8")), "/ms_to_idx is uint64 (201, 1)"),
     "an index of NaN": (put("ms_to_idx", np.full(201, np.nan)), "/ms_to_idx is float64 (201,)"),
     "a signed index": (put("ms_to_idx", np.zeros(201, "i8")), "/ms_to_idx is int64 (201,)"),
@@ -257,6 +293,8 @@ FOREIGN = {
     "an index that falls": (with_value("ms_to_idx", 50, 0), "/ms_to_idx falls or leaves the events"),
     "an index that begins late": (with_value("ms_to_idx", slice(0, 2), 3), "/ms_to_idx falls or leaves the events"),
     "an index beyond the events": (with_value("ms_to_idx", 200, 5001), "/ms_to_idx falls or leaves the events"),
+    "an index without its end": (with_value("ms_to_idx", 200, 4999), "/ms_to_idx falls or leaves the events"),
+    "a long index": (put("ms_to_idx", np.full(202, 5000, "u8")), "/ms_to_idx is uint64 (202,)"),
     "an endless index": (with_value("ms_to_idx", 200, 2**64 - 1), "/ms_to_idx falls or leaves the events"),
 }  # fmt: skip
 DISPLACED = {
@@ -264,10 +302,11 @@ DISPLACED = {
     "rows beyond the sensor": (with_value("events/y", 2500, 65535), "/events/y holds 65535; allowed: 0 to 5"),
     "a third polarity": (with_value("events/p", 2500, 2), "/events/p holds 2; allowed: 0 to 1"),
     "a time that falls": (with_value("events/t", 2500, 0), "the times of its events fall"),
-    "a time after the end": (with_value("events/t", 4999, 4_000_000_000), "/events/t holds 4000000000"),
+    "a time after the end": (with_value("events/t", 4999, 200_000), "/events/t holds 200000; allowed: 0 to 199999"),
+    "a time long after the end": (with_value("events/t", 4999, 4_000_000_000), "/events/t holds 4000000000"),
     "no time at all": (with_value("events/t", slice(None), 0), "its index of milliseconds does not fit"),
     "an index of others": (
-        with_value("ms_to_idx", slice(1, None), 2500), "its index of milliseconds does not fit its events"
+        with_value("ms_to_idx", slice(1, -1), 2500), "its index of milliseconds does not fit its events"
     ),
 }  # fmt: skip
 """What shows when events are read, so that a large file opens as fast as a small one."""

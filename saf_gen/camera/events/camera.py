@@ -3,12 +3,12 @@
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from saf_gen.camera.course import LightCourse
-from saf_gen.camera.events.kernel import EXPONENTIALS, record_pixels
+from saf_gen.camera.events.kernel import EXPONENTIALS, TICK_S, read_out, record_pixels, record_queue
 from saf_gen.camera.events.sensor import EventSensor, get_event_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.seeds import derive_seed, make_generator
@@ -55,7 +55,8 @@ def encode_events(light: np.ndarray, sensor: EventSensor | str, *, seconds: floa
     Returns
     -------
     Events
-        Times, columns, rows and polarities, in the order in which they are read.
+        Times, columns, rows and polarities, in the order in which they are read. Events that still wait for the readout
+        at the end are not among them.
 
     Raises
     ------
@@ -65,15 +66,18 @@ def encode_events(light: np.ndarray, sensor: EventSensor | str, *, seconds: floa
     """
     light = validate_signal("charge", light)
     sensor = sensor if isinstance(sensor, EventSensor) else get_event_sensor(sensor)
-    course = LightCourse.follow(lambda at: at / seconds, [lambda at: at], span_s=(0.0, seconds), knots=light.shape[0])
+    knots = light.shape[0]
+    course = LightCourse.follow(
+        lambda at: at / seconds, [lambda at: at], span_s=(0.0, seconds), knots=knots, parts=max(knots - 1, 1)
+    )
     return EventCamera(sensor, light.shape[1:], seed=seed).record(light[None], course)
 
 
 class EventCamera:
     """An event camera that records course after course and keeps the state of every pixel in between.
 
-    The events depend neither on the division into courses at the edges of cells nor on the number of threads, except
-    that those which wait for the readout at the end of a course count as read in it.
+    The events depend neither on the division into courses at the edges of cells nor on the number of threads: those
+    which wait for the readout at the end of a course are read in a later one.
 
     Parameters
     ----------
@@ -87,6 +91,11 @@ class EventCamera:
         Seed of what differs between pixels; by default ``seed``.
     threads : int, optional
         Number of threads; by default one per core that this process may use.
+
+    Attributes
+    ----------
+    bus_full_s : float
+        For how many seconds so far an event has waited for the readout, by more than a microsecond.
 
     Raises
     ------
@@ -110,13 +119,15 @@ class EventCamera:
         self._constants, phase = _draw_device(
             sensor, size, seed=seed if device_seed is None else device_seed, phase_seed=seed
         )
-        self._state = np.full((4, size), -1.0)  # no light yet, not in reset
+        self._state = np.full((5, size), -1.0)  # no light yet, not in reset
         self._state[1] = phase
         self._state[3] = make_generator("events", seed, "first waits").standard_exponential(size)
         self._draws = np.zeros(size, np.uint64)
         self._key = np.uint64(derive_seed("events", seed, "noise"))
         self._threads = threads or usable_cores()
-        self._read_until = -np.inf  # when the readout of the last event ended, seconds
+        self._pause = 1.0 / sensor.readout_events_per_s if sensor.noise.readout else 0.0
+        self._bus_free, self.bus_full_s = -np.inf, 0.0
+        self._waiting = _Read(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool), np.empty(0))
 
     def record(self, stack: np.ndarray, course: LightCourse) -> Events:
         """Record the next cells of time and return their events.
@@ -144,49 +155,85 @@ class EventCamera:
         if not (stack.min() >= 0 and stack.max() < np.inf):  # also false for NaN
             raise BadInput("the light is negative or not finite", allowed="electrons per second, at least 0")
         flat = np.ascontiguousarray(stack).reshape(*stack.shape[:2], -1)
+        return self._hand_over(self._record_free(flat, course) or self._record_queue(flat, course), course.seconds[-1])
+
+    def _record_free(self, flat: np.ndarray, course: LightCourse) -> "_Read | None":
+        """Return the events of all pixels if the bus is never full; else return None and change nothing."""
+        if self._bus_free > course.seconds[0] + TICK_S:
+            return None
+        before = self._state.copy(), self._draws.copy()
         cuts = np.linspace(0, flat.shape[2], 4 * self._threads + 1).astype(int).tolist()
         with ThreadPoolExecutor(self._threads) as pool:  # the kernel releases the interpreter's lock
             jobs = [pool.submit(self._record_pixels, flat, course, first=a, stop=b) for a, b in pairwise(cuts)]
             parts = [part for job in jobs for part in job.result()]
         when, pixel, rises = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        return self._read(when, pixel, rises=rises)
+        order = np.lexsort((pixel, when))
+        when = when[order]
+        read, bus_free = read_out(when, self._pause, self._bus_free)
+        wait = read - when
+        if wait.max(initial=0.0) > TICK_S:
+            self._state, self._draws = before
+            return None
+        self._bus_free = bus_free
+        return _Read(_ticks(read), pixel[order], rises[order], wait)
+
+    def _record_queue(self, flat: np.ndarray, course: LightCourse) -> "_Read":
+        """Return the events of all pixels, which are made in the order of their instants."""
+        when, read, pixel, rises, self._bus_free = record_queue(
+            *self._arguments(flat, course), self._pause, self._bus_free
+        )
+        return _Read(_ticks(read), pixel, rises, read - when)
+
+    def _arguments(self, flat: np.ndarray, course: LightCourse) -> tuple[Any, ...]:
+        """Return what both kernels take: the light, the sensor, and the state of the pixels."""
+        noise, sensor = self.sensor.noise, self.sensor
+        return (
+            flat, course.seconds, course.index, course.fraction, course.gain,
+            sensor.dark_e_per_s,
+            sensor.receptor_e * noise.bandwidth, sensor.receptor_s * noise.bandwidth,
+            sensor.refractory_s * noise.refractory,
+            sensor.shot_hz * noise.shot, sensor.shot_half_e_per_s,
+            self._constants, self._state, self._draws, self._key, exponential_waits(),
+        )  # fmt: skip
 
     def _record_pixels(
         self, flat: np.ndarray, course: LightCourse, *, first: int, stop: int
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Return the instant, pixel and polarity of the events of some pixels, in the order of the pixels."""
-        noise, sensor = self.sensor.noise, self.sensor
         parts, room, done = [], ROOM, first
         while True:
             when, where, rises = np.empty(room), np.empty(room, np.int64), np.empty(room, bool)
             done, written, lacking = record_pixels(
-                done, stop, flat, course.seconds, course.index, course.fraction, course.gain,
-                sensor.dark_e_per_s,
-                sensor.receptor_e * noise.bandwidth, sensor.receptor_s * noise.bandwidth,
-                sensor.refractory_s * noise.refractory,
-                sensor.shot_hz * noise.shot, sensor.shot_half_e_per_s,
-                self._constants, self._state, self._draws, self._key, exponential_waits(),
-                when, where, rises,
-            )  # fmt: skip
+                done, stop, *self._arguments(flat, course), when, where, rises, False
+            )
             parts.append((when[:written].copy(), where[:written].copy(), rises[:written].copy()))
             if done == stop:
                 return parts
             room = max(ROOM, lacking)
 
-    def _read(self, when: np.ndarray, pixel: np.ndarray, *, rises: np.ndarray) -> Events:
-        """Return the events in the order of their instants, and of pixels at one instant, as the chip reads them.
-
-        An event is read when it happens, or when the one before it has been read if that is later.
-        """
-        order = np.lexsort((pixel, when))
-        when, pixel = when[order], pixel[order]
-        if self.sensor.noise.readout and when.size:
-            pause = 1.0 / self.sensor.readout_events_per_s
-            waited = np.arange(when.size) * pause
-            when = np.maximum(np.maximum.accumulate(when - waited), self._read_until) + waited
-            self._read_until = when[-1] + pause
+    def _hand_over(self, read: "_Read", end_s: float) -> Events:
+        """Return the events that have been read at the end of a course; the others wait for the next one."""
+        read = _Read(*(np.concatenate(columns) for columns in zip(self._waiting, read, strict=True)))
+        stop = int(np.searchsorted(read.t, round(end_s * 1e6)))
+        self._waiting = _Read(*(column[stop:] for column in read))
+        t, pixel, rises, wait = (column[:stop] for column in read)
+        self.bus_full_s += float(np.minimum(wait, self._pause)[wait > TICK_S].sum())
         y, x = np.divmod(pixel, self.shape[1])
-        return Events(np.floor(when * 1e6).astype(np.int64), x.astype(np.uint16), y.astype(np.uint16), rises[order])
+        return Events(t, x.astype(np.uint16), y.astype(np.uint16), rises)
+
+
+class _Read(NamedTuple):
+    """Events in the order in which they are read: microseconds, pixels, rises of the light, and seconds of waiting."""
+
+    t: np.ndarray
+    pixel: np.ndarray
+    rises: np.ndarray
+    wait: np.ndarray
+
+
+def _ticks(seconds: np.ndarray) -> np.ndarray:
+    """Return whole microseconds, rounded down, int64."""
+    return np.floor(seconds * 1e6).astype(np.int64)
 
 
 @cache

@@ -13,8 +13,14 @@ a cell 1/I is interpolated linearly and the time constant is that of the mean li
 
 A pixel that stored V reports ON when u falls to exp(-V - θ_on), OFF when it rises to exp(-V + θ_off). No logarithm is
 needed, and the exponential is our own, so that all machines agree in every bit.
+
+An event asks for the bus when it happens, and is read when all those before it have been read. Until then its pixel
+sees nothing, and its reset begins when it is read. So each event depends on those of all other pixels. As long as none
+of them waits for longer than a microsecond, pixels are advanced one after the other (:func:`record_pixels`), and the
+queue is only looked at; else their events are made one after the other (:func:`record_queue`).
 """
 
+from heapq import heapify, heappop, heappush
 from math import factorial
 from typing import Any
 
@@ -28,11 +34,13 @@ U = np.uint64
 INVERSE_LOG_2, LOG_2_HIGH, LOG_2_LOW = 1.4426950408889634, 0.6931471803691238, 1.9082149292705877e-10
 FACTORS = tuple(1.0 / factorial(n) for n in range(14))  # of the series of exp
 HALVES = 2.0 ** -np.arange(1023.0)
-RECEPTOR, STORED, DEAD_UNTIL, PATIENCE = range(4)  # rows of the state
+RECEPTOR, STORED, DEAD_UNTIL, PATIENCE, FIRED = range(5)  # rows of the state
 ON_FACTOR, OFF_FACTOR, DRIFT = range(3)  # rows of the constants
 LANES = 64  # pixels that are advanced together
 EXPONENTIALS = 1 << 16
 """Entries of the table of exponential waiting times."""
+TICK_S = 1e-6
+"""What an event may wait for the bus, seconds, and still count as read when it happened: its time is told no finer."""
 
 
 @njit(inline="always")
@@ -116,11 +124,14 @@ def _add_light(
 @compiled_unchecked
 def _fire(
     start: Any, span: Any, u: Any, after: Any, w: Any, slope: Any, rest: Any, tau: Any, stored: Any, on: Any, off: Any,
-    drift: Any, dead: Any, patience: Any, hazard: Any, refractory_s: Any, drawn: Any, pixel_key: Any, waits: Any,
-    pixel: Any, when: Any, where: Any, rises: Any, written: Any
+    drift: Any, dead: Any, patience: Any, fired: Any, hazard: Any, refractory_s: Any, drawn: Any, pixel_key: Any,
+    waits: Any, pixel: Any, when: Any, where: Any, rises: Any, written: Any, single: Any
 ) -> Any:  # fmt: skip
-    """Write the events of a pixel in a cell; return its stored level, reset, waiting time, draws, and all events."""
-    begin, steady = 0.0, True
+    """Write the events of a pixel in a cell; return its stored level, reset, waiting time, draws, and all events.
+
+    If ``single``, stop after the first one, and return when in the cell it was, else -1: go on from there.
+    """
+    begin, steady = max(fired, 0.0), True
     if tau > 0.0:
         steady = (_slope(0.0, w, slope, rest, tau) > 0.0) == (_slope(span, w, slope, rest, tau) > 0.0)
     turn = span if steady else _turn(0.0, span, w, slope, rest, tau)
@@ -151,11 +162,9 @@ def _fire(
             drawn += U(1)
             rising = (word & U(1)) == U(0)
             patience = waits[(word >> U(1)) & U(EXPONENTIALS - 1)]
-            fired = True
         else:
             patience -= hazard * (until - begin)
-            fired = at < np.inf
-        if not fired:
+        if at == np.inf:
             begin = end
             if end == span:
                 break
@@ -165,21 +174,25 @@ def _fire(
         written += 1
         if refractory_s > 0.0:
             dead = start + at + refractory_s
+            if single:
+                return stored, dead, patience, at, drawn, written
             continue
         # Without a reset, a jump of the light passes several thresholds at one instant.
         drifted = stored * (1.0 + drift * at)
         jumped = at == begin and not drifted * on < reached < drifted * off
         crossed = on if rising else off
         stored = stored * crossed if jumped else _level(at, w, slope, rest, tau) / (1.0 + drift * at)
+        if single:
+            return stored, dead, patience, at, drawn, written
         begin = at
-    return stored, dead, patience, drawn, written
+    return stored, dead, patience, -1.0, drawn, written
 
 
 @compiled_unchecked
 def record_pixels(
     first: Any, stop: Any, stack: Any, seconds: Any, index: Any, fraction: Any, gain: Any, dark: Any, receptor_e: Any,
     receptor_s: Any, refractory_s: Any, shot_hz: Any, shot_half: Any, constants: Any, state: Any, draws: Any, key: Any,
-    waits: Any, when: Any, where: Any, rises: Any
+    waits: Any, when: Any, where: Any, rises: Any, single: Any
 ) -> Any:  # fmt: skip
     """Advance pixels from ``first`` on through all cells, in place, and return how far it came.
 
@@ -208,9 +221,10 @@ def record_pixels(
         Rate of random events in the dark, and the light that halves it.
     constants : ndarray of float64, shape (3, P)
         exp(-θ_on), exp(θ_off), and the relative drift of the stored level, 1/s.
-    state : ndarray of float64, shape (4, P)
-        u, the stored level, the end of the reset (-1 if there is none), and how much of a unit exponential waiting
-        time is left until the next random event. u is negative before the first call.
+    state : ndarray of float64, shape (5, P)
+        u, the stored level, the end of the reset (-1 if there is none), how much of a unit exponential waiting time is
+        left until the next random event, and when in the cell the pixel fired, if the rest of the cell is still to come
+        (else -1). u is negative before the first call.
     draws : ndarray of uint64, shape (P,)
         Random numbers that each pixel has used.
     key : uint64
@@ -219,6 +233,8 @@ def record_pixels(
         Table of unit exponential waiting times.
     when, where, rises : ndarray of float64, int64, bool, shape (room,)
         Receive the instant, pixel and polarity of each event.
+    single : bool
+        There is one cell, in which a pixel stops after an event: call it again, after setting the end of its reset.
     """
     cells = seconds.shape[0] - 1
     room, written = when.shape[0], 0
@@ -229,13 +245,14 @@ def record_pixels(
     calm = np.empty(LANES, np.bool_)
     drawn = np.empty(LANES, np.uint64)
     u, stored, dead, patience = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    fired = np.empty(LANES)
     on, off, drift = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     for block in range(first, stop, LANES):
         base, width, before = U(block), U(min(LANES, stop - block)), written
         for i in range(width):
             pixel = base + i
             u[i], stored[i], drawn[i] = state[RECEPTOR, pixel], state[STORED, pixel], draws[pixel]
-            dead[i], patience[i] = state[DEAD_UNTIL, pixel], state[PATIENCE, pixel]
+            dead[i], patience[i], fired[i] = state[DEAD_UNTIL, pixel], state[PATIENCE, pixel], state[FIRED, pixel]
             on[i], off[i], drift[i] = constants[ON_FACTOR, pixel], constants[OFF_FACTOR, pixel], constants[DRIFT, pixel]
         for cell in range(cells):
             start = seconds[cell]
@@ -272,6 +289,7 @@ def record_pixels(
                 calm[i] = (
                     calm[i]
                     & (dead[i] < 0.0)
+                    & (fired[i] < 0.0)
                     & (u[i] > low)
                     & (u[i] < high)
                     & (after[i] > low * drifted)
@@ -282,19 +300,82 @@ def record_pixels(
                 if calm[i]:
                     patience[i] -= hazard[i] * span
                     continue
+                if dead[i] >= start + span:  # in reset, or waiting for the bus, throughout
+                    fired[i] = -1.0
+                    continue
                 pixel = base + i
-                stored[i], dead[i], patience[i], drawn[i], written = _fire(
+                stored[i], dead[i], patience[i], fired[i], drawn[i], written = _fire(
                     start, span, u[i], after[i], level[i], slope[i], rest[i], tau[i], stored[i], on[i], off[i],
-                    drift[i], dead[i], patience[i], hazard[i], refractory_s, drawn[i],
-                    mixed_word(key + pixel * U(0x9E3779B97F4A7C15)), waits, pixel, when, where, rises, written,
+                    drift[i], dead[i], patience[i], fired[i], hazard[i], refractory_s, drawn[i],
+                    mixed_word(key + pixel * U(0x9E3779B97F4A7C15)), waits, pixel, when, where, rises, written, single,
                 )  # fmt: skip
             for i in range(width):
-                u[i] = after[i]
-                stored[i] *= 1.0 + drift[i] * span * (1.0 + 0.5 * drift[i] * span)
+                if fired[i] < 0.0:
+                    u[i] = after[i]
+                    stored[i] *= 1.0 + drift[i] * span * (1.0 + 0.5 * drift[i] * span)
         if written > room:  # these pixels do not fit: forget them, and say so
             return block, before, written - before
         for i in range(width):
             pixel = base + i
             state[RECEPTOR, pixel], state[STORED, pixel], draws[pixel] = u[i], stored[i], drawn[i]
-            state[DEAD_UNTIL, pixel], state[PATIENCE, pixel] = dead[i], patience[i]
+            state[DEAD_UNTIL, pixel], state[PATIENCE, pixel], state[FIRED, pixel] = dead[i], patience[i], fired[i]
     return stop, written, 0
+
+
+@compiled_unchecked
+def read_out(when: Any, pause: Any, bus_free: Any) -> Any:
+    """Return when each of the requests for the bus, in their order, is served, and when the bus is free after them."""
+    read = np.empty(when.shape[0])
+    for n in range(when.shape[0]):
+        read[n] = max(when[n], bus_free)
+        bus_free = read[n] + pause
+    return read, bus_free
+
+
+@compiled_unchecked
+def record_queue(
+    stack: Any, seconds: Any, index: Any, fraction: Any, gain: Any, dark: Any, receptor_e: Any, receptor_s: Any,
+    refractory_s: Any, shot_hz: Any, shot_half: Any, constants: Any, state: Any, draws: Any, key: Any, waits: Any,
+    pause: Any, bus_free: Any
+) -> Any:  # fmt: skip
+    """Advance all pixels through all cells as :func:`record_pixels` does, while events wait for each other.
+
+    The bus has read all earlier events at ``bus_free``, in seconds, and then needs ``pause`` for each.
+
+    Returns
+    -------
+    when, read, where, rises : ndarray of float64, float64, int64, bool, shape (n,)
+        When each event happened and was read, its pixel and polarity, in the order in which they are read.
+    bus_free : float
+        When the bus has read all of them.
+    """
+    pixels, count, room = stack.shape[2], 0, 1 << 16
+    asked, of, rising = np.empty(pixels), np.empty(pixels, np.int64), np.empty(pixels, np.bool_)
+    when, read, where, rises = np.empty(room), np.empty(room), np.empty(room, np.int64), np.empty(room, np.bool_)
+    for cell in range(seconds.shape[0] - 1):
+        edges = slice(cell, cell + 2)
+        cut = seconds[edges], index[edges], fraction[edges], gain[cell : cell + 1]
+        _, requests, _ = record_pixels(
+            0, pixels, stack, *cut, dark, receptor_e, receptor_s, refractory_s, shot_hz, shot_half,
+            constants, state, draws, key, waits, asked, of, rising, True,
+        )  # fmt: skip
+        queue = [(asked[n], of[n], rising[n]) for n in range(requests)]
+        heapify(queue)
+        while len(queue) > 0:
+            at, pixel, rise = heappop(queue)
+            if count == room:
+                room *= 2
+                when, read = np.append(when, np.empty(count)), np.append(read, np.empty(count))
+                where, rises = np.append(where, np.empty_like(where)), np.append(rises, np.empty_like(rises))
+            when[count], read[count], where[count], rises[count] = at, max(at, bus_free), pixel, rise
+            bus_free = read[count] + pause
+            if read[count] - at > TICK_S:
+                state[DEAD_UNTIL, pixel] = read[count] + refractory_s
+            count += 1
+            _, requests, _ = record_pixels(
+                pixel, pixel + 1, stack, *cut, dark, receptor_e, receptor_s, refractory_s, shot_hz, shot_half,
+                constants, state, draws, key, waits, asked, of, rising, True,
+            )  # fmt: skip
+            if requests > 0:
+                heappush(queue, (asked[0], of[0], rising[0]))
+    return when[:count], read[:count], where[:count], rises[:count], bus_free
