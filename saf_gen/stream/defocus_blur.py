@@ -20,7 +20,7 @@ from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.region import Region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.optics import Drive, drive_from_dict
-from saf_gen.stream.metadata import ReadableStream
+from saf_gen.stream.metadata import ReadableStream, sensor_kind
 
 PROVENANCE_KEY = "lens"
 _UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, OverflowError, ZeroDivisionError, BadInput)
@@ -178,7 +178,7 @@ def _lens_of_card(stream: ReadableStream) -> tuple[Drive, float, tuple[float, fl
     provenance = stream.metadata.provenance
     sequence = load_plain_json(provenance["sequence"])
     recipe = parse_yaml(provenance["recipe"], f"{stream.path} /provenance/recipe").data
-    sensor = parse_sensor(provenance["sensor"], f"{stream.path} /provenance/sensor")
+    sensor = parse_sensor(provenance["sensor"], f"{stream.path} /provenance/sensor", kind=sensor_kind(stream))
     scene = find_scene(str(sequence["scene"])).with_params(dict(sequence["params"]))
     drive = scene.build_drive(recipe["camera"]["exposure"]["f_number"])
     return drive, sensor.pitch_m, (0.0, sensor.wavelength_m)
