@@ -270,7 +270,7 @@ class _Frames(OtherCamera):
 
     def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
         command = super().finish(dataset, manifest, target=target)
-        return command and f"{command} --method sd+argmax:window=3"  # windows are numbers of frames
+        return command and f"{command} {frame_file.METHOD}"
 
 
 def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:
