@@ -219,7 +219,7 @@ def search_table() -> str:
 def sensor_table() -> str:
     """Return the table of the sensors that come with saf_gen."""
     rows = []
-    for name in sensor_names():
+    for name in sensor_names("spikes"):
         sensor = get_sensor(name)
         noise = "none" if not sensor.noise.threshold_noise else f"{sensor.threshold_noise_rms:.2%}".replace("%", " %")
         rows.append([f"`{name}`", f"{sensor.columns} × {sensor.rows}", f"{sensor.readout_hz:,}", noise])

@@ -95,10 +95,12 @@ def _plain_name(measure: str) -> str:
     return split_options(measure)[0].removesuffix(NORMALISED_SUFFIX)
 
 
-def check_law(measure: str, counted: str) -> None:
-    """Raise BadInput if a focus measure corrects for the noise of spikes, and a recording counts photons."""
-    if counted == "photons" and _plain_name(measure) in LAW_OF_SPIKES:
-        raise BadInput(f"{measure} {LAW}, and this recording holds {WORDS[counted]}", allowed=COUNTS[0], hint=COUNTS[1])
+def check_law(measure: str, kind: str) -> None:
+    """Raise BadInput if a measure corrects for the noise of spikes or makes events of them, and there are none."""
+    name = _plain_name(measure)
+    reasons = {LAW: name in LAW_OF_SPIKES, MADE: name in EVENTS_OF_SPIKES}
+    for reason in (reason for reason, applies in reasons.items() if applies and reason in REFUSED[kind]):
+        raise BadInput(f"{measure} {reason}, and this recording holds {WORDS[kind]}", allowed=COUNTS[0], hint=COUNTS[1])
 
 
 def _twin(method: Method) -> str:
@@ -114,7 +116,7 @@ def _kind(tasks: list[SequenceTask]) -> str:
     kind = "spikes"
     for task in tasks:
         with suppress(BadInput, OSError), open_recording(task.path) as stream:
-            kind = "frames" if stream.counted == "levels" else stream.counted
+            kind = stream.counted
         if kind != "spikes":
             break
     return kind

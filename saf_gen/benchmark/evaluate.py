@@ -45,7 +45,8 @@ from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
 from saf_gen.stream.measure_input import choose_region
-from saf_gen.stream.stream_file import SpikeStream, open_stream
+from saf_gen.stream.recordings import Recording
+from saf_gen.stream.stream_file import open_stream
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -336,19 +337,19 @@ def _run_on_cluster(
 
 
 def score_blocks(
-    stream: SpikeStream, measure: str | Measure, *, window: int, region: str = "target"
+    stream: Recording, measure: str | Measure, *, window: int, region: str = "target"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the scores of consecutive blocks of frames; a shorter block at the end is left out.
 
     Parameters
     ----------
-    stream : SpikeStream
-        Open stream.
+    stream : SpikeStream, EventRecording or FrameFile
+        Open recording.
     measure : str or Measure
         Focus measure, or its name; one that is not part of saf_gen is then called in a process of its own, because no
         other way keeps a measure that ends or holds its process from doing so to the caller's.
     window : int
-        Frames per block, 1 to the number of frames in the stream.
+        Frames per block, 1 to the number of frames in the recording.
     region : str, default 'target'
         ``target`` (the box around the target, or the whole frame if the stream has no target) or ``frame``.
 
@@ -362,8 +363,8 @@ def score_blocks(
     Raises
     ------
     BadInput
-        If the window is out of range, if the region or the measure is unknown, if the measure corrects for the noise of
-        spikes and the stream counts photons, or if the measure fails.
+        If the window is out of range, if the region or the measure is unknown, if the measure needs spikes and the
+        recording holds something else, or if the measure fails.
     """
     frames = stream.shape[0]
     if not (isinstance(window, int) and 1 <= window <= frames):

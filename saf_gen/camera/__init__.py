@@ -6,7 +6,8 @@ from saf_gen.camera.encoder import Encoder, encode, knot_weights
 from saf_gen.camera.encoder_kernel import LANES
 from saf_gen.camera.exposure import charge_of_images, electrons_per_irradiance, exposure_scale
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
-from saf_gen.camera.sensor import Sensor, get_sensor, sensor_names
+from saf_gen.camera.sensor import Sensor
+from saf_gen.camera.sensor_files import get_sensor, sensor_names
 
 __all__ = [
     "LANES",

@@ -11,6 +11,7 @@ from saf_gen.camera.encoder import Encoder
 from saf_gen.camera.exposure import firing_rate
 from saf_gen.camera.frames import FrameSensor
 from saf_gen.camera.sensor import Sensor
+from saf_gen.camera.sensor_files import sensor_model
 from saf_gen.camera.spad import SpadCamera, SpadSensor
 from saf_gen.camera.spad.sensor import detection_rate
 from saf_gen.core.config.document import validate_document
@@ -20,8 +21,8 @@ BitSensor = Sensor | SpadSensor
 CountingSensor = BitSensor | FrameSensor
 
 
-def parse_sensor(text: str, where: str | Path) -> CountingSensor:
-    """Return the sensor that the text of a sensor file describes; every stream file contains one.
+def parse_sensor(text: str, where: str | Path, *, kind: str = "spikes") -> CountingSensor:
+    """Return the sensor that a recording describes: the keys of a sensor file without its ``kind``.
 
     Parameters
     ----------
@@ -29,17 +30,16 @@ def parse_sensor(text: str, where: str | Path) -> CountingSensor:
         The YAML text.
     where : str or Path
         Name of the text in error messages.
+    kind : str, default 'spikes'
+        Kind of the sensor: ``spikes``, ``photons`` or ``frames``.
 
     Raises
     ------
     BadInput
         If the text does not describe a valid sensor.
     """
-    document = parse_yaml(text, where)
-    kind = document.data.get("kind") if isinstance(document.data, dict) else None
-    if kind == "frames":
-        return validate_document(FrameSensor, document)
-    return validate_document(SpadSensor, document) if kind == "spad" else validate_document(Sensor, document)
+    sensor: CountingSensor = validate_document(sensor_model(kind), parse_yaml(text, where))
+    return sensor
 
 
 def mean_rate(charge: np.ndarray, sensor: BitSensor) -> np.ndarray:

@@ -32,7 +32,8 @@ import numpy as np
 
 from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, LANES, NOISE_TABLE_SIZE, advance_pixels, make_noise_table
 from saf_gen.camera.fixed_pattern import FixedPattern, draw_fixed_pattern
-from saf_gen.camera.sensor import Sensor, get_sensor
+from saf_gen.camera.sensor import Sensor
+from saf_gen.camera.sensor_files import get_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.core.signals import validate_signal

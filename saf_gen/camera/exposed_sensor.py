@@ -21,7 +21,7 @@ class ExposedSensor:
     It has no fields of its own: each sensor lists all of them, in the order in which its files hold them.
     """
 
-    DEVICE: ClassVar[str]
+    kind: ClassVar[str]
     name: str
     readout_hz: float
     exposure_s: float
@@ -58,7 +58,7 @@ class ExposedSensor:
 
         Raises BadInput if a switch is unknown.
         """
-        return change_fields(self, {"noise": switches}, where=f"{self.DEVICE} {self.name}")
+        return change_fields(self, {"noise": switches}, where=f"sensor {self.name}")
 
     def in_place_of(self, sensor: Sensor) -> Self:
         """Return a copy that stands on the grid of a spike camera, and collects as much light as that does.

@@ -1,16 +1,15 @@
-"""Spike-camera sensors: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
+"""Spike-camera sensors: the values in a sensor file, immutable."""
 
 from dataclasses import asdict, fields
 from functools import lru_cache
 from itertools import pairwise
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict, PlainValidator
 from pydantic.dataclasses import dataclass
 
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields, checked
+from saf_gen.core.config.presets import Sources, Switch, Text, between, change_fields, checked
 from saf_gen.core.config.ranges import is_number
 from saf_gen.core.spectrum import NM, shipped_curve
 from saf_gen.errors import BadInput
@@ -204,6 +203,7 @@ class Sensor:
         and a transmission.
     """
 
+    kind: ClassVar[str] = "spikes"
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -348,39 +348,3 @@ def _interpolated(table: tuple[tuple[float, float], ...]) -> np.ndarray:
     """Return a table over NM, zero outside it."""
     nm, values = np.array(table).T
     return np.interp(NM, nm, values, left=0.0, right=0.0)
-
-
-PRESETS = Presets("sensor", Sensor, folder=Path(__file__).parent / "sensors")
-
-
-def sensor_names() -> list[str]:
-    """Return the names of the sensors that come with saf_gen, sorted."""
-    return PRESETS.names()
-
-
-def get_sensor(name: str | Path, **changes: Any) -> Sensor:
-    """Return a sensor by name or from a user's YAML file, with some fields changed.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name of :func:`sensor_names`, or the path of a .yaml file.
-    **changes : optional
-        Fields of :class:`Sensor` and their new values; ``noise`` may be a mapping of some switches.
-
-    Returns
-    -------
-    Sensor
-        The sensor.
-
-    Raises
-    ------
-    BadInput
-        If a name or field is unknown, or a value is not allowed.
-
-    Examples
-    --------
-    >>> get_sensor("vidar_400x250", threshold_e=400, noise={"dark": False}).threshold_e
-    400
-    """
-    return PRESETS.get(name, changes)

@@ -1,39 +1,47 @@
-"""Sensor files: their text, their nominal keys (assumed or derived, not measured), and their implausible values."""
+"""Sensor files of all kinds of cameras: one reader, the files that come with saf_gen, and what is unlikely in a file.
+
+A sensor file states its ``kind``, which says whose keys the others are. What a recording stores of its sensor has no
+``kind``, because the recording has one, and no fingerprint covers it.
+"""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from functools import cache, partial
+from importlib import import_module
 from math import exp, log
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, overload
 
 from scipy.special import ndtr
 
-from saf_gen.camera import Sensor, electrons_per_irradiance
-from saf_gen.camera.events.sensor import PRESETS as EVENT_CAMERAS
-from saf_gen.camera.frames.sensor import PRESETS as FRAME_CAMERAS
-from saf_gen.camera.sensor import PRESETS as SPIKE_CAMERAS
-from saf_gen.camera.spad.sensor import PRESETS as SPADS
-from saf_gen.core.config.document import read_text
+from saf_gen.camera.exposure import electrons_per_irradiance
+from saf_gen.camera.sensor import Sensor
+from saf_gen.core.config.document import Document, read_text, validate_document
 from saf_gen.core.config.presets import Presets, is_preset_file
-from saf_gen.errors import unknown
+from saf_gen.core.config.yaml_document import MAX_YAML_BYTES, parse_yaml
+from saf_gen.errors import BadInput, closest, unknown
 
-KINDS: dict[str, Presets[Any]] = {
-    "spikes": SPIKE_CAMERAS, "events": EVENT_CAMERAS, "photons": SPADS, "frames": FRAME_CAMERAS
-}  # fmt: skip
-"""By what it reads out: the sensors that come with saf_gen."""
-
-OF_KIND = {"spad": "photons", "frames": "frames"}
-"""What a sensor reads out, by the ``kind`` in its file; files of spike and event cameras state none."""
+KINDS = {
+    "spikes": "saf_gen.camera.sensor:Sensor",
+    "photons": "saf_gen.camera.spad.sensor:SpadSensor",
+    "frames": "saf_gen.camera.frames.sensor:FrameSensor",
+    "events": "saf_gen.camera.events.sensor:EventSensor",
+}
+"""By ``kind`` of a sensor file, which is what the camera reads out: the class of its sensors, imported on first use."""
+FOLDER = Path(__file__).parent / "sensors"
 
 _NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)
 _AS_IN = re.compile(r"^#[^\n]*is as in[ \n#]+(\w+)\.yaml", re.MULTILINE)
 _USUAL: dict[str, tuple[float, float, float, str]] = {
-    "pitch_m": (1e6, 5, 50, "µm"),
-    "threshold_e": (1, 1e3, 5e5, "electrons"),
     "quantum_efficiency": (1, 0.05, 0.95, "electrons per photon"),
     "fill_factor": (1, 0.05, 1, "of the pixel's area"),
     "wavelength_m": (1e9, 350, 1000, "nm"),
+}
+_USUAL_OF_OTHERS = _USUAL | {"pitch_m": (1e6, 1, 50, "µm")}
+_USUAL_OF_SPIKES = _USUAL | {
+    "pitch_m": (1e6, 5, 50, "µm"),
+    "threshold_e": (1, 1e3, 5e5, "electrons"),
     "readout_hz": (1, 1e3, 1e5, "readouts per second"),
     "dark_rate": (1, 0, 0.05, "spikes per readout"),
     "dark_log_sd": (1, 0, 1, ""),
@@ -45,28 +53,126 @@ _USUAL: dict[str, tuple[float, float, float, str]] = {
     "reset_loss": (100, 0, 10, "% of the next readout"),
 }
 """By key: factor to the displayed unit, ends of the usual range in that unit, and the unit."""
-_SWITCHED = {
-    "dark": ("dark_rate",),
-    "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
-    "threshold_spread": ("threshold_spread_rms",),
-    "threshold_noise": ("threshold_noise_rms",),
-    "reset_jitter": ("reset_jitter",),
+_SWITCHED: dict[str, dict[str, tuple[str, ...]]] = {
+    "spikes": {
+        "dark": ("dark_rate",),
+        "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
+        "threshold_spread": ("threshold_spread_rms",),
+        "threshold_noise": ("threshold_noise_rms",),
+        "reset_jitter": ("reset_jitter",),
+    },
+    "photons": {"dark": ("dark_hz",), "response": ("response_rms",), "afterpulsing": ("afterpulse",)},
+    "frames": {"read": ("read_noise_e",), "dark": ("dark_e_per_s",), "response": ("response_rms",)},
+    "events": {
+        "mismatch": ("threshold_rms", "leak_log_sd"),
+        "bandwidth": ("receptor_e", "receptor_s"),
+        "refractory": ("refractory_s",),
+        "leak": ("leak_hz",),
+        "shot": ("shot_hz",),
+        "hot": ("hot_fraction",),
+    },
 }
-"""By noise switch: the keys that have an effect only if it is on."""
+"""By kind and noise switch: the keys that have an effect only if it is on."""
+
+
+def sensor_model(kind: str) -> type[Any]:
+    """Return the class of the sensors of a kind."""
+    module, _, name = KINDS[kind].partition(":")
+    model: type[Any] = getattr(import_module(module), name)
+    return model
+
+
+def sensor_names(*kinds: str) -> list[str]:
+    """Return the names of the sensors that come with saf_gen, sorted: those of these kinds, or all."""
+    names = _presets(tuple(KINDS)).names()
+    return [name for name in names if _shipped(name).kind in kinds] if kinds else names
+
+
+@overload
+def get_sensor(name: str | Path, *, kind: Literal["spikes"] = "spikes", **changes: Any) -> Sensor: ...
+@overload
+def get_sensor(name: str | Path, *, kind: str, **changes: Any) -> Any: ...
+def get_sensor(name: str | Path, *, kind: str = "spikes", **changes: Any) -> Any:
+    """Return a sensor by name or from a user's YAML file, with some fields changed.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of :func:`sensor_names`, or the path of a .yaml file.
+    kind : str, default 'spikes'
+        What its camera reads out: ``spikes``, ``photons``, ``frames`` or ``events``.
+    **changes : optional
+        Fields of the sensor and their new values; ``noise`` may be a mapping of some switches.
+
+    Returns
+    -------
+    Sensor, SpadSensor, FrameSensor or EventSensor
+        The sensor.
+
+    Raises
+    ------
+    BadInput
+        If a name or field is unknown, a value is not allowed, or the sensor is of another kind.
+
+    Examples
+    --------
+    >>> get_sensor("vidar_400x250", threshold_e=400, noise={"dark": False}).threshold_e
+    400
+    >>> get_sensor("davis346", kind="events").threshold_on
+    0.2
+    """
+    return read_sensor(name, kinds=(kind,), **changes)
+
+
+def read_sensor(name: str | Path, *, kinds: Sequence[str] = tuple(KINDS), **changes: Any) -> Any:
+    """Return a sensor of any of these kinds, as :func:`get_sensor` does; its ``kind`` says which.
+
+    Raises BadInput as that does.
+    """
+    if not is_preset_file(name) and str(name) not in sensor_names():
+        raise unknown("sensor", name, allowed=sensor_names(*kinds), hint="or give the path of a .yaml file")
+    return _presets(tuple(kinds)).get(name, changes)
 
 
 def sensor_text(name: str | Path) -> str:
-    """Return the text of a sensor file of any kind, with comments and sources.
+    """Return the text of a valid sensor file of any kind, with comments and sources.
 
-    Raises BadInput if the name is unknown, or the file of a user cannot be read.
+    Raises BadInput as :func:`read_sensor` does.
     """
-    if is_preset_file(name):
-        return read_text(Path(name))
-    for presets in KINDS.values():
-        if str(name) in presets.names():
-            return read_text(presets.folder / f"{name}.yaml")
-    allowed = [known for presets in KINDS.values() for known in presets.names()]
-    raise unknown("sensor", name, allowed=allowed, hint="or give the path of a .yaml file")
+    if not is_preset_file(name):
+        read_sensor(name)
+        return read_text(FOLDER / f"{name}.yaml")
+    text = read_text(Path(name), max_bytes=MAX_YAML_BYTES)
+    _parse(parse_yaml(text, name), tuple(KINDS))
+    return text
+
+
+def _presets(kinds: tuple[str, ...]) -> Presets[Any]:
+    """Return the sensors that come with saf_gen; those of other kinds are refused when they are read."""
+    return Presets("sensor", partial(_parse, kinds=kinds), folder=FOLDER)
+
+
+@cache
+def _shipped(name: str) -> Any:
+    return _presets(tuple(KINDS)).get(name, {})
+
+
+def _parse(document: Document, kinds: tuple[str, ...]) -> Any:
+    """Return the sensor in a file; raise BadInput if it is not valid or of another kind than these."""
+    data = document.data
+    if not isinstance(data, dict) or "kind" not in data:
+        raise BadInput("the key 'kind' is missing", where=document.locate(), allowed=", ".join(KINDS))
+    kind, where = data["kind"], document.locate("kind")
+    if kind not in tuple(KINDS):
+        allowed = ", ".join(KINDS)
+        raise BadInput(f"kind is {kind!r:.200}", where=where, allowed=allowed, nearest=closest(kind, list(KINDS)))
+    if kind not in kinds:
+        allowed = "; ".join(f"{kind} ({', '.join(sensor_names(kind))})" for kind in kinds)
+        shipped = document.path.parent == FOLDER
+        problem = f"the sensor {document.path.stem} is of kind {kind}" if shipped else f"kind is {kind!r}"
+        nearest = closest(document.path.stem, sensor_names(*kinds)) if shipped else ""
+        raise BadInput(problem, where="" if shipped else where, allowed=allowed, nearest=nearest)
+    return validate_document(sensor_model(kind), document.without("kind"))
 
 
 def nominal_keys(text: str) -> list[str]:
@@ -82,19 +188,24 @@ def nominal_keys(text: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def implausible_keys(sensor: Sensor) -> Iterator[str]:
+def implausible_keys(sensor: Any) -> Iterator[str]:
     """Yield a line for each value of a sensor that is allowed but unusual, and for each that has no effect."""
-    values = asdict(sensor)
-    for key, (factor, low, high, unit) in _USUAL.items():
+    spikes, values = isinstance(sensor, Sensor), asdict(sensor)
+    for key, (factor, low, high, unit) in (_USUAL_OF_SPIKES if spikes else _USUAL_OF_OTHERS).items():
         shown = values[key] * factor
         if not low <= shown <= high:
             yield f"{key} is {' '.join(filter(None, (f'{shown:.4g}', unit)))}; usual: {low:g} to {high:g}"
-    for switch, keys in _SWITCHED.items():
+    for switch, keys in _SWITCHED[sensor.kind].items():
         on, some = getattr(sensor.noise, switch), any(values[key] > 0 for key in keys)
         if on and not some:
             yield f"noise.{switch} is on, but {' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} 0"
         if some and not on:
             yield f"noise.{switch} is off: {', '.join(key for key in keys if values[key] > 0)} has no effect"
+    if spikes:
+        yield from _implausible_laws(sensor)
+
+
+def _implausible_laws(sensor: Sensor) -> Iterator[str]:
     if sensor.noise.dark and sensor.dark_log_sd > 0:
         tail = float(ndtr(-log(sensor.dark_hot_factor) / sensor.dark_log_sd)) if sensor.dark_hot_factor > 1 else 0.5
         if tail > 2 * sensor.dark_hot_fraction:

@@ -225,22 +225,22 @@ def protocol_from_options(
 
 
 def score_command(
-    stream: Annotated[Path, typer.Argument(help="Stream file.")],
+    stream: Annotated[Path, typer.Argument(help="File of spikes, photons, events or frames.")],
     measure: Annotated[str, typer.Option(help="Focus measure; saf-gen methods lists them.")],
     *,
     window: Annotated[int, typer.Option(min=1, help="Frames per block.")],
     csv: Annotated[Path | None, typer.Option("--out", help="CSV file to write (default: the terminal).")] = None,
     region: Annotated[str, typer.Option(help="Where to look: frame, or target (its bounding box).")] = "frame",
 ) -> None:
-    """Score consecutive blocks of a stream with a measure.
+    """Score consecutive blocks of a recording with a measure.
 
     The output is CSV with the first frame and the score of each block.
     """
     from saf_gen.benchmark.evaluate import score_blocks
     from saf_gen.core.files import write_text
-    from saf_gen.stream.stream_file import open_stream
+    from saf_gen.stream.recordings import open_recording
 
-    with open_stream(stream) as opened:
+    with open_recording(stream) as opened:
         frames, scores = score_blocks(opened, measure, window=window, region=region)
     text = "frame,score\n" + "".join(f"{f},{s!r}\n" for f, s in zip(frames.tolist(), scores.tolist(), strict=True))
     if csv is None:

@@ -19,11 +19,7 @@ def recapture_command(
     dataset: Annotated[Path, typer.Argument(help="Dataset folder with its stacks.")],
     *,
     sensor: Annotated[
-        str,
-        typer.Option(
-            help="Event camera (davis346, evk4), single-photon array (swissspad3, qvga_spad), frame camera (imx273), "
-            "or path of a .yaml file."
-        ),
+        str, typer.Option(help="Sensor of another kind than spikes (saf-gen sensors list), or path of its .yaml file.")
     ] = "davis346",
     folder: Annotated[
         Path | None, typer.Option("--out", help="Folder to write to (default: DATASET/cameras/SENSOR).")

@@ -370,19 +370,25 @@ def _parse_span(text: str | None, what: str, *, total: int) -> slice:
 
 
 def index_command(
-    folder: Annotated[Path, typer.Argument(help="Folder with streams (.h5), or with a folder of streams per split.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder with recordings (.h5), or with a folder of recordings per split.")
+    ],
     *,
-    split: Annotated[str, typer.Option(help="Split of the streams that are directly in the folder.")] = "test",
+    split: Annotated[str, typer.Option(help="Split of the recordings that are directly in the folder.")] = "test",
 ) -> None:
-    """Write a manifest for a folder of streams, which makes it a dataset for `saf-gen evaluate`."""
+    """Write a manifest for a folder of recordings, which makes it a dataset for `saf-gen evaluate`."""
     from saf_gen.stream.dataset import index_folder, is_hidden
+    from saf_gen.stream.frame_file import METHOD
+    from saf_gen.stream.recordings import open_recording
 
     manifest = index_folder(folder, split=split)
     if hidden := sorted(str(file.relative_to(folder)) for file in folder.rglob("*.h5") if is_hidden(file, folder)):
         err.print(escape_controls(f"left out, because hidden: {', '.join(hidden)}"), soft_wrap=True)
     splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
     size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
-    out.print(f"{size}; next: {manifest.next_command(folder)}", soft_wrap=True)
+    with open_recording(folder / manifest.sequences[0].file) as first:
+        method = f" {METHOD}" if first.counted == "frames" else ""
+    out.print(f"{size}; next: {manifest.next_command(folder)}{method}", soft_wrap=True)
 
 
 def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:

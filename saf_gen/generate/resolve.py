@@ -672,8 +672,8 @@ def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:
     """Return the recipe's sensor, given by name or by the path of a file relative to the recipe's folder."""
     camera = recipe.camera
     named = folder / camera.spike_sensor if is_preset_file(camera.spike_sensor) else camera.spike_sensor
-    changes = {"reset": camera.reset, "saturation": camera.saturation, "filter": camera.filter}
-    changes = {key: value for key, value in changes.items() if value is not None}
+    stated = {"reset": camera.reset, "saturation": camera.saturation, "filter": camera.filter}
+    changes: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
     return get_sensor(named, **changes, noise=camera.noise.model_dump(exclude_none=True))
 
 

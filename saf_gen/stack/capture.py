@@ -21,7 +21,7 @@ from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
-from saf_gen.stream.metadata import Truth
+from saf_gen.stream.metadata import Truth, sensor_kind
 from saf_gen.stream.optima import optima_of_stream
 from saf_gen.stream.recordings import Recording
 
@@ -94,7 +94,7 @@ class Capture:
             exposure = load_plain_json(provenance["exposure"])
             sequence = load_plain_json(provenance["sequence"])
             seed = int(sequence["seed"])
-            sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor")
+            sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor", kind=sensor_kind(stream))
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
         except (KeyError, ValueError, TypeError, OverflowError) as error:

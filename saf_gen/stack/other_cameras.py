@@ -13,15 +13,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from saf_gen.camera.events import EventSensor, event_sensor_names, get_event_sensor
-from saf_gen.camera.frames import FrameSensor, frame_sensor_names, get_frame_sensor
-from saf_gen.camera.sensor_files import OF_KIND
-from saf_gen.camera.spad import SpadSensor, get_spad_sensor, spad_sensor_names
-from saf_gen.core.config.presets import is_preset_file
-from saf_gen.core.config.yaml_document import read_yaml
+from saf_gen.camera.events import EventSensor
+from saf_gen.camera.frames import FrameSensor
+from saf_gen.camera.sensor_files import read_sensor
+from saf_gen.camera.spad import SpadSensor
+from saf_gen.core.config.presets import change_fields
 from saf_gen.core.files import refuse_link
 from saf_gen.core.plain_text import plural
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput
 from saf_gen.stack.event_capture import events_fingerprint, record_events
 from saf_gen.stack.frame_capture import frames_fingerprint, record_frames
 from saf_gen.stack.recapture import recapture_fingerprint, record_photons
@@ -35,6 +34,8 @@ RATE = 0.5
 """Share of the frames in which a single-photon array that chooses its exposure detects a photon of the target."""
 SHARE = 0.5
 """Share of its well that a pixel of the target fills with a frame camera that chooses its exposure."""
+OTHER_KINDS = ("photons", "frames", "events")
+"""Kinds of sensors that take the place of a spike camera's."""
 STACKS, CAMERAS = "stacks", "cameras"  # folders of a dataset
 
 
@@ -269,7 +270,7 @@ class _Frames(OtherCamera):
 
     def finish(self, dataset: Path, manifest: Manifest, *, target: Path) -> str:
         command = super().finish(dataset, manifest, target=target)
-        return command and f"{command} --method sd+argmax:window=3"  # windows are numbers of frames
+        return command and f"{command} {frame_file.METHOD}"
 
 
 def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:
@@ -278,32 +279,25 @@ def find_camera(name: str, *, exposure_us: float | None = None) -> OtherCamera:
     Parameters
     ----------
     name : str
-        A name of :func:`event_sensor_names`, :func:`spad_sensor_names` or :func:`frame_sensor_names`, or the path of a
-        .yaml file, which says ``kind: spad`` or ``kind: frames`` unless it is that of an event camera.
+        Name of a sensor of :data:`OTHER_KINDS`, or path of its .yaml file.
     exposure_us : float, optional
         Exposure of a single-photon array or a frame camera, microseconds; by default it chooses one for each sequence.
 
     Raises
     ------
     BadInput
-        If there is no such camera, its file is not valid, or it has no such exposure.
+        If there is no such sensor, its file is not valid, it is that of a spike camera, or it has no such exposure.
     """
-    names = {"events": event_sensor_names(), "photons": spad_sensor_names(), "frames": frame_sensor_names()}
-    if is_preset_file(name):
-        data = read_yaml(Path(name)).data
-        stated = data.get("kind") if isinstance(data, dict) else None
-        kind = OF_KIND.get(str(stated), "events")
-    elif not (kind := next((kind for kind, known in names.items() if name in known), "")):
-        allowed = [known for group in names.values() for known in group]
-        raise unknown("camera", name, allowed=allowed, hint="or give the path of a .yaml file")
-    if kind == "events":
-        if exposure_us is not None:
+    sensor = read_sensor(name, kinds=OTHER_KINDS)
+    if exposure_us is not None:
+        if isinstance(sensor, EventSensor):
             raise BadInput(
                 f"--exposure-us is given for {name}", allowed="a single-photon array or a frame camera",
                 hint="leave it out",
             )  # fmt: skip
-        return _Events(get_event_sensor(name))
-    changes = {} if exposure_us is None else {"exposure_s": exposure_us * 1e-6}
-    if kind == "photons":
-        return _Photons(get_spad_sensor(name, **changes), rate=RATE if exposure_us is None else None)
-    return _Frames(get_frame_sensor(name, **changes), share=SHARE if exposure_us is None else None)
+        sensor = change_fields(sensor, {"exposure_s": exposure_us * 1e-6}, where=f"sensor {name}")
+    if isinstance(sensor, EventSensor):
+        return _Events(sensor)
+    if isinstance(sensor, SpadSensor):
+        return _Photons(sensor, rate=RATE if exposure_us is None else None)
+    return _Frames(sensor, share=SHARE if exposure_us is None else None)

@@ -9,8 +9,8 @@ from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, verify_entry, write_manifest
 from saf_gen.stream.metadata import Metadata
+from saf_gen.stream.recordings import open_recording
 from saf_gen.stream.sharing.croissant import RECORDED, DatasetFacts, write_croissant
-from saf_gen.stream.stream_file import open_stream
 
 SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
 """Names of sequences as this package writes them.
@@ -20,14 +20,15 @@ Any other name is taken as the name of the scene, and its light is called ``reco
 
 
 def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
-    """Write ``manifest.json`` and ``croissant.json`` for all streams (.h5) in and below a folder; return the manifest.
+    """Write ``manifest.json`` and ``croissant.json`` for the recordings (.h5) in and below a folder; return the first.
 
-    The id of a sequence is its path, joined with "-". Streams in a subfolder belong to the split that has the name of
-    the subfolder, and streams in the folder itself to ``split``. Files and folders whose names begin with a dot, which
-    systems and editors write, are left out. Files are opened but not read completely; ``saf-gen verify`` does that.
+    They hold spikes, photons, events or frames. The id of a sequence is its path, joined with "-". Recordings in a
+    subfolder belong to the split that has the name of the subfolder, and those in the folder itself to ``split``. Files
+    and folders whose names begin with a dot, which systems and editors write, are left out. Files are opened but not
+    read completely; ``saf-gen verify`` does that.
 
-    Raises BadInput if the folder is missing, is a dataset already, has no stream, contains an .h5 file that is not a
-    stream, or if two streams would have the same id.
+    Raises BadInput if the folder is missing, is a dataset already, has no recording, contains an .h5 file that is none,
+    holds events or frames beside recordings of another kind, or if two recordings would have the same id.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -37,12 +38,18 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
     files = [file for file in sorted(root.rglob("*.h5")) if not is_hidden(file, root)]
     if not files:
         raise BadInput(
-            "has no stream",
+            "has no recording",
             where=str(folder),
             allowed="files *.h5, in it or below it",
             hint="make one with saf-gen import",
         )
-    entries = tuple(_entry(root, file, split=split) for file in files)
+    kinds: dict[str, str] = {}
+    entries = tuple(_entry(root, file, split=split, kinds=kinds) for file in files)
+    if len(kinds) > 1 and not kinds.keys() <= {"spikes", "photons"}:
+        raise BadInput(
+            " and ".join(f"{file} holds {kind}" for kind, file in list(kinds.items())[:2]), where=str(folder),
+            allowed="recordings of one kind", hint="give each kind a folder of its own",
+        )  # fmt: skip
     by_id: dict[str, str] = {}
     for entry in entries:
         other = by_id.setdefault(entry.id, entry.file)
@@ -53,7 +60,7 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
             )  # fmt: skip
     manifest = Manifest(name_as_text(root.resolve().name), "", "recorded", entries)
     write_manifest(root, manifest)
-    described = f"Recordings of spike cameras with moving focus: {plural(len(entries), 'sequence')}."
+    described = f"Recordings of {' and '.join(sorted(kinds))} with moving focus: {plural(len(entries), 'sequence')}."
     write_croissant(root, manifest, facts=DatasetFacts(described, [], responsible=RECORDED))
     return manifest
 
@@ -63,12 +70,14 @@ def is_hidden(file: Path, root: Path) -> bool:
     return any(part.startswith(".") for part in file.relative_to(root).parts)
 
 
-def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
+def _entry(root: Path, file: Path, *, split: str, kinds: dict[str, str]) -> SequenceEntry:
+    """Return the entry of a recording, and note it in ``kinds`` if it is the first of its kind."""
     inside = file.relative_to(root)
     if name_as_text(str(inside)) != str(inside):
         raise BadInput(f"the name of {file} is not UTF-8", allowed="names that a manifest can hold", hint="rename it")
-    with open_stream(file) as stream:
+    with open_recording(file) as stream:
         frames, content = stream.shape[0], stream.content_sha256
+        kinds.setdefault(stream.counted, inside.as_posix())
     named = SEQUENCE_NAME.fullmatch(inside.stem)
     return SequenceEntry(
         id="-".join((*inside.parts[:-1], inside.stem)),

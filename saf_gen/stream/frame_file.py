@@ -24,6 +24,8 @@ from saf_gen.stream.pixel_mask import Filling
 FORMAT, LAYOUT = "saf-gen frames", 1
 FINGERPRINT = "frames_fingerprint"
 """Name of the text in the provenance that says from what the frames were made."""
+METHOD = "--method sd+argmax:window=3"
+"""Option of ``saf-gen evaluate`` for frames, because windows are numbers of frames."""
 
 
 def write_frames(
@@ -121,7 +123,7 @@ class FrameFile(CheckedFile):
         Digest of the content.
     """
 
-    counted: ClassVar[str] = "levels"
+    counted: ClassVar[str] = "frames"
 
     def __init__(self, path: Path) -> None:
         with report_damage(path):

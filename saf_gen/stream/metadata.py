@@ -378,10 +378,15 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
     return Metadata(**found, light_names=lights, kind=kind, truth=Truth(**truth), provenance=provenance)
 
 
+def sensor_kind(stream: "ReadableStream") -> str:
+    """Return the kind of the sensor that a recording describes; events describe the spike camera in their place."""
+    return "frames" if stream.counted == "frames" else stream.metadata.kind
+
+
 class ReadableStream(Protocol):
     """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`.
 
-    ``counted`` says what its numbers count: ``spikes``, ``photons``, ``events``, or ``levels`` of a frame camera.
+    ``counted`` says what it holds: ``spikes``, ``photons``, ``events`` or ``frames``.
     """
 
     @property

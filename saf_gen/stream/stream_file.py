@@ -169,7 +169,7 @@ class SpikeStream:
         for kind in ("events", "frames"):
             if holds(file, kind):
                 raise BadInput(
-                    f"holds {kind}, not spikes", where=where, allowed=f"attribute format = {FORMAT!r}",
+                    f"holds {kind}, not spikes", where=where, allowed="a recording of spikes or photons",
                     hint=f"saf-gen inspect describes it, and saf_gen.open_{kind} reads it",
                 )  # fmt: skip
         if (layout := read_attribute(file, "layout", number=True)) != LAYOUT:

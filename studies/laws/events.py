@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from saf_gen.camera import LightCourse
-from saf_gen.camera.events import EventCamera, EventSensor, encode_events, get_event_sensor
+from saf_gen.camera import LightCourse, get_sensor
+from saf_gen.camera.events import EventCamera, EventSensor, encode_events
 from studies.laws.law import FALSE_ALARM, Comparison, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.workload import DatasetMaker
 
@@ -52,7 +52,7 @@ def events_of_contrast(contrast: np.ndarray, threshold: float, *, rms: float) ->
 
 def _check_contrast(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the events of light that rises, and of light that falls, with the law, by contrast."""
-    sensor = get_event_sensor("evk4", dark_e_per_s=1e-3, noise=QUIET | {"mismatch": True})
+    sensor = get_sensor("evk4", kind="events", dark_e_per_s=1e-3, noise=QUIET | {"mismatch": True})
     comparisons, curves, figures = [], [], 2 * len(CONTRASTS)
     x = np.linspace(CONTRASTS[0], CONTRASTS[-1], 200)
     for name, sign, threshold in (("falls", -1, sensor.threshold_off), ("rises", 1, sensor.threshold_on)):
@@ -86,8 +86,9 @@ def renewals(rate_hz: float, *, reset_s: float, seconds: float) -> float:
 
 def _check_constant(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare random events, by the light, and leaks with their laws."""
-    sensor = get_event_sensor(
+    sensor = get_sensor(
         "davis346",
+        kind="events",
         dark_e_per_s=1e-3,
         shot_hz=RANDOM_HZ,
         refractory_s=RESET_S,
@@ -148,8 +149,9 @@ def _check_queue(maker: DatasetMaker, quick: bool) -> Finding:
     cells = len(course.seconds) - 1
     comparisons = []
     for load in LOADS:
-        sensor = get_event_sensor(
+        sensor = get_sensor(
             "davis346",
+            kind="events",
             dark_e_per_s=1e-3,
             shot_hz=RANDOM_HZ,
             readout_events_per_s=pixels * RANDOM_HZ / load,

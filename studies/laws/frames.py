@@ -5,7 +5,8 @@ The camera is exposed to constant, even light directly, without a rendered scene
 
 import numpy as np
 
-from saf_gen.camera.frames import FrameCamera, FrameSensor, get_frame_sensor
+from saf_gen.camera import get_sensor
+from saf_gen.camera.frames import FrameCamera, FrameSensor
 from studies.laws.law import FALSE_ALARM, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.workload import DatasetMaker
 
@@ -15,7 +16,7 @@ READ_NOISE_E = 12.0
 
 def _sensor() -> FrameSensor:
     noise = {"shot": True, "read": True, "dark": False, "response": False}
-    return get_frame_sensor("imx273", read_noise_e=READ_NOISE_E, noise=noise)
+    return get_sensor("imx273", kind="frames", read_noise_e=READ_NOISE_E, noise=noise)
 
 
 def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:

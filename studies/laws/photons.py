@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from saf_gen.camera.spad import SpadCamera, SpadSensor, get_spad_sensor
+from saf_gen.camera import get_sensor
+from saf_gen.camera.spad import SpadCamera, SpadSensor
 from saf_gen.camera.spad.sensor import detection_rate
 from studies.laws.law import FALSE_ALARM, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.workload import DatasetMaker
@@ -60,7 +61,7 @@ def _compare(sensors: dict[str, SpadSensor], *, frames: int, quick: bool) -> Fin
 
 
 def _clocked(*, afterpulse: float = 0.0) -> SpadSensor:
-    sensor = get_spad_sensor("swissspad3", afterpulse=afterpulse, noise=QUIET)
+    sensor = get_sensor("swissspad3", kind="photons", afterpulse=afterpulse, noise=QUIET)
     return sensor.with_noise(afterpulsing=afterpulse > 0)
 
 

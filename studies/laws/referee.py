@@ -107,7 +107,7 @@ def _restored_asfarray() -> Iterator[None]:
 def _check_emva1288(maker: DatasetMaker, quick: bool) -> Finding:
     """Compare the referee's figures with ours, which come from long recordings and from the exact law."""
     _require_referee()
-    size = {"rows": 40, "columns": 64} if quick else {"rows": 125, "columns": 200}
+    size: dict[str, Any] = {"rows": 40, "columns": 64} if quick else {"rows": 125, "columns": 200}
     images = 20 if quick else 50
     sensor = get_sensor("vidar_400x250", **size)
     levels = {f"rate_{round(1000 * rate):03d}": gain_of_rate(rate, sensor) for rate in RATES}

@@ -102,7 +102,7 @@ class Workload:
                 }
             },
         }
-        found = {"recipe.yaml": _to_yaml(recipe), "sensor.yaml": _to_yaml(asdict(self.sensor))}
+        found = {"recipe.yaml": _to_yaml(recipe), "sensor.yaml": _to_yaml({"kind": "spikes", **asdict(self.sensor)})}
         if self.actuator is not None:
             numbers = {key: value for key, value in asdict(self.actuator).items() if value is not None}
             found["actuator.yaml"] = _to_yaml(numbers)

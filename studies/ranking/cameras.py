@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.benchmark.records import Record, read_records
-from saf_gen.camera.events import event_sensor_names
-from saf_gen.camera.frames import frame_sensor_names, get_frame_sensor
+from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.errors import BadInput
 from studies.ranking.packed_records import read_packed_records
 
@@ -76,9 +75,9 @@ def bits_per_pixel(record: Record) -> float:
     if record.sensor is None:
         return np.nan
     name = record.sensor.partition("#")[0]  # of a preset that was changed
-    if name in frame_sensor_names():
-        return float(record.frames_seen * get_frame_sensor(name).bits)
-    if name in event_sensor_names():
+    if name in sensor_names("frames"):
+        return float(record.frames_seen * get_sensor(name, kind="frames").bits)
+    if name in sensor_names("events"):
         return np.nan if record.mean_rate is None else record.mean_rate * record.frames_seen * EVENT_BITS
     return float(record.frames_seen)
 

@@ -26,9 +26,8 @@ import yaml
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records, write_records
 from saf_gen.camera import Sensor, get_sensor
-from saf_gen.camera.events import get_event_sensor
-from saf_gen.camera.frames import FrameSensor, get_frame_sensor
-from saf_gen.camera.spad import SpadSensor, get_spad_sensor
+from saf_gen.camera.frames import FrameSensor
+from saf_gen.camera.spad import SpadSensor
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import check_writable, unwritable, write_text
 from saf_gen.errors import BadInput
@@ -122,14 +121,15 @@ def camera_of(name: str) -> Any:
     if name == BASE:
         return get_sensor(name)
     if name == "davis346":
-        return get_event_sensor(name)
+        return get_sensor(name, kind="events")
     if name == "qvga_spad":
-        return get_spad_sensor(name)
-    one = get_frame_sensor(name)
+        return get_sensor(name, kind="photons")
+    one = get_sensor(name, kind="frames")
     rows = round(FIELD_M / one.pitch_m)
     hz = round(1 / ((rows + PAUSE_ROWS) * ROW_S), 1)
-    return get_frame_sensor(
+    return get_sensor(
         name,
+        kind="frames",
         rows=rows // BIN,
         columns=rows // BIN,
         pitch_m=BIN * one.pitch_m,
@@ -162,7 +162,7 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
     except OSError as error:
         raise unwritable(folder, error) from error
     pixels = pixels_of(camera)
-    write_text(folder / "pixels.yaml", yaml.safe_dump(pixels.as_dict(), sort_keys=False))
+    write_text(folder / "pixels.yaml", yaml.safe_dump({"kind": "spikes", **pixels.as_dict()}, sort_keys=False))
     write_text(folder / "recipe.yaml", yaml.safe_dump(recipe(members, pixels), sort_keys=False))
     dataset = folder / "dataset"
     made = generate(resolve_recipe(folder / "recipe.yaml"), dataset, tell=print)
@@ -173,7 +173,7 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
         given = name
         if isinstance(camera, FrameSensor):
             given = str(folder / "camera.yaml")
-            write_text(Path(given), yaml.safe_dump(camera.as_dict(), sort_keys=False))
+            write_text(Path(given), yaml.safe_dump({"kind": "frames", **camera.as_dict()}, sort_keys=False))
         other = find_camera(given)
         done = recapture(dataset, manifest.sequences, camera=other, target=judged, tell=print)
         _refuse_failures(done.failed)

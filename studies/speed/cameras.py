@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from saf_gen.camera import Encoder, get_sensor, knot_weights
-from saf_gen.camera.frames import FrameCamera, get_frame_sensor
-from saf_gen.camera.spad import SpadCamera, get_spad_sensor
+from saf_gen.camera.frames import FrameCamera
+from saf_gen.camera.spad import SpadCamera
 from saf_gen.stack.frame_capture import expose_light
 from studies.speed import synthetic
 from studies.speed.bench import Figure, Size, main, shape_text
@@ -74,14 +74,14 @@ def _bits(camera: Encoder | SpadCamera, stack: np.ndarray, seconds: float) -> No
 
 def _photons(name: str, charge: np.ndarray) -> tuple[float, Callable[[float], None]]:
     """Return the rate of an array of single photons, and its recording, in which half of the bits are ones."""
-    sensor, shape = get_spad_sensor(name), (charge.shape[2], charge.shape[3])
+    sensor, shape = get_sensor(name, kind="photons"), (charge.shape[2], charge.shape[3])
     light = (charge * (log(2) / sensor.gate / charge.mean())).astype(np.float32)
     return sensor.readout_hz, lambda s: _bits(SpadCamera(sensor, shape, seed=1, threads=1), light, s)
 
 
 def _frames(name: str, charge: np.ndarray) -> tuple[float, Callable[[float], None]]:
     """Return the rate of a frame camera, and its recording, which follows the lens through each exposure."""
-    sensor, shape, positions = get_frame_sensor(name), (charge.shape[2], charge.shape[3]), charge.shape[1]
+    sensor, shape, positions = get_sensor(name, kind="frames"), (charge.shape[2], charge.shape[3]), charge.shape[1]
     scale = WELL * sensor.full_well_e / sensor.exposure_s / float(charge.mean())
     source: Any = SimpleNamespace(  # light as a recording has it, without a folder of stacks
         time_stack=SimpleNamespace(is_moving=False, specs=[SimpleNamespace(positions=positions)]),

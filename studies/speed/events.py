@@ -7,7 +7,7 @@ from math import log, pi
 import numpy as np
 
 from saf_gen.camera import LightCourse, get_sensor
-from saf_gen.camera.events import EventCamera, EventSensor, get_event_sensor
+from saf_gen.camera.events import EventCamera, EventSensor
 from saf_gen.core import seeds
 from studies.speed import synthetic
 from studies.speed.bench import Figure, Size, main, shape_text, timed
@@ -21,7 +21,7 @@ CUTOFF_HZ = 300.0  # v2e's usual value
 
 def run(size: Size) -> Iterator[Figure | str]:
     """Yield our time and v2e's for a second of a sweep, and counts and instants of both in a short one."""
-    spikes, sensor = get_sensor(size.sensor), get_event_sensor("davis346")
+    spikes, sensor = get_sensor(size.sensor), get_sensor("davis346", kind="events")
     light = synthetic.sweep_charge(spikes, size.positions[0]) * np.float32(spikes.readout_hz)
     seconds = size.frames / spikes.readout_hz
     _record(sensor, light[:, :2], seconds=1e-3)  # compiles

@@ -18,7 +18,7 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.view import captured_events
 from saf_gen.benchmark.view.captured_events import CapturedEvents
 from saf_gen.benchmark.view.clock import clock_of
-from saf_gen.camera.events import get_event_sensor
+from saf_gen.camera import get_sensor
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.event_capture import EventCapture, record_events
 from saf_gen.stream.recordings import open_recording
@@ -42,7 +42,7 @@ def recorded(captured_dataset, tmp_path_factory):
     for name in (*STILL, MOVING):
         path = folder / "test" / f"{name}.h5"
         with saf_gen.open_stream(captured_dataset / "test" / f"{name}.h5") as stream:
-            record_events(stream, captured_dataset / "stacks", sensor=get_event_sensor("davis346"), path=path)
+            record_events(stream, captured_dataset / "stacks", sensor=get_sensor("davis346", kind="events"), path=path)
         tasks[name] = SequenceTask(name, "test", "plane", None, path, None)
     return tasks
 

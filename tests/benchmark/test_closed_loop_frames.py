@@ -15,7 +15,7 @@ from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.view.captured_exposures import CapturedExposures
 from saf_gen.benchmark.view.clock import LENS_HZ, clock_of
-from saf_gen.camera.frames import get_frame_sensor
+from saf_gen.camera import get_sensor
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.stack.frame_capture import record_frames
 from saf_gen.stream.frame_file import open_frames
@@ -36,7 +36,7 @@ def record(dataset, folder, name, **changes):
     path.parent.mkdir(parents=True, exist_ok=True)
     if not (folder / "stacks").exists():
         (folder / "stacks").symlink_to(dataset / "stacks", target_is_directory=True)
-    sensor = get_frame_sensor("imx273", **{"exposure_s": 4e-4} | changes)
+    sensor = get_sensor("imx273", kind="frames", **{"exposure_s": 4e-4} | changes)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         record_frames(stream, dataset / "stacks", sensor=sensor, share=None, path=path)
     return SequenceTask(name, "test", "plane", None, path, None)

@@ -10,8 +10,9 @@ from refusals import refusal
 from scipy import stats
 from scipy.integrate import solve_ivp
 
+from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.camera.course import LightCourse
-from saf_gen.camera.events import EventCamera, encode_events, event_sensor_names, get_event_sensor
+from saf_gen.camera.events import EventCamera, encode_events
 from saf_gen.camera.events.camera import Events
 from saf_gen.plugins.lights import get_light
 
@@ -23,7 +24,9 @@ SHAPE = (2, 3)
 
 def davis(*on, **changes):
     """Return the davis346 with only these imperfections, and no dark current."""
-    return get_event_sensor("davis346", **{"dark_e_per_s": NO_DARK, **changes}, noise=QUIET | dict.fromkeys(on, True))
+    return get_sensor(
+        "davis346", kind="events", **{"dark_e_per_s": NO_DARK, **changes}, noise=QUIET | dict.fromkeys(on, True)
+    )
 
 
 def course(light, seconds):
@@ -337,7 +340,7 @@ def test_a_bus_that_is_full_for_a_moment_changes_nothing_before_it(switches):
 @pytest.mark.parametrize(("rate", "full"), [(1e5, (0.9, 1.0)), (4e5, (0.1, 0.9)), (1e7, (0.0, 0.001))])
 def test_flicker_that_is_too_fast_for_the_bus_gives_no_event_after_the_end(rate, full):
     """100 Hz at a depth of 0.9: the queue fills and empties, and pixels that waited go on as the others do."""
-    sensor, seconds = get_event_sensor("davis346", readout_events_per_s=rate), 0.05
+    sensor, seconds = get_sensor("davis346", kind="events", readout_events_per_s=rate), 0.05
     flicker = get_light("flicker", hz=100.0, depth=0.9)
     camera = EventCamera(sensor, (20, 30), seed=3)
     stack = np.random.default_rng(2).uniform(2e4, 4e5, (1, 1, 20, 30)).astype(np.float32)
@@ -403,7 +406,7 @@ def busy(threads=2, cuts=(), seed=3, name="davis346"):
         span_s=(0.0, seconds),
         knots=5,
     )
-    camera = EventCamera(get_event_sensor(name), (30, 40), seed=seed, threads=threads)
+    camera = EventCamera(get_sensor(name, kind="events"), (30, 40), seed=seed, threads=threads)
     edges = [0, *cuts, len(whole.seconds) - 1]
     parts = [camera.record(stack, whole.block(a, b)) for a, b in pairwise(edges)]
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
@@ -460,18 +463,18 @@ def test_a_course_has_the_light_of_its_schedule(kind, options):
 
 
 def test_every_event_camera_states_its_sources():
-    assert event_sensor_names() == ["davis346", "evk4"]
-    for name in event_sensor_names():
-        assert get_event_sensor(name).name == name
-        assert any("doi:" in source for source in get_event_sensor(name).sources)
+    assert sensor_names("events") == ["davis346", "evk4"]
+    for name in sensor_names("events"):
+        assert get_sensor(name, kind="events").name == name
+        assert any("doi:" in source for source in get_sensor(name, kind="events").sources)
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: get_event_sensor("davis364"), "unknown event sensor 'davis364'"),
-        (lambda: get_event_sensor("davis346", threshold_on=20), "threshold_on"),
-        (lambda: get_event_sensor("davis346").with_noise(shots=True), "shots"),
+        (lambda: get_sensor("davis364", kind="events"), "unknown sensor 'davis364'"),
+        (lambda: get_sensor("davis346", kind="events", threshold_on=20), "threshold_on"),
+        (lambda: get_sensor("davis346", kind="events").with_noise(shots=True), "shots"),
         (lambda: encode_events(np.ones((2, 2), np.float32), "davis346", seconds=1, seed=1), "shape"),
         (lambda: encode_events(-np.ones((1, 2, 2), np.float32), "davis346", seconds=1, seed=1), "negative"),
         (lambda: encode_events(np.ones((1, 2, 2), np.float32), "davis346", seconds=0, seed=1), "0"),

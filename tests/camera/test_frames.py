@@ -7,7 +7,8 @@ import pytest
 from refusals import refusal
 from scipy import stats
 
-from saf_gen.camera.frames import FrameCamera, FrameSensor, frame_sensor_names, get_frame_sensor
+from saf_gen.camera import get_sensor, sensor_names
+from saf_gen.camera.frames import FrameCamera, FrameSensor
 from saf_gen.camera.frames.sensor import exposure_for
 
 SHAPE = (60, 80)
@@ -16,7 +17,7 @@ LIMIT = 4.4  # standard deviations: one in 100,000 of a normal law; all seeds ar
 
 
 def sensor_of(**changes) -> FrameSensor:
-    return get_frame_sensor("imx273", noise=QUIET | changes.pop("noise", {}), **changes)
+    return get_sensor("imx273", kind="frames", noise=QUIET | changes.pop("noise", {}), **changes)
 
 
 def frames(sensor, charge, *, count=40, seed=1):
@@ -134,19 +135,18 @@ def test_an_exposure_is_chosen_for_the_light():
         ({"bits": 8.5}, "whole number"),
         ({"full_well_e": 0}, "10 to 1e+07"),
         ({"noise": {"dust": True}}, "dust"),
-        ({"kind": "spad"}, "'spad'"),
     ],
 )
 def test_what_no_frame_camera_can_be_is_refused(changes, words):
-    assert words in str(refusal(get_frame_sensor, "imx273", **changes))
+    assert words in str(refusal(get_sensor, "imx273", kind="frames", **changes))
 
 
 def test_unknown_cameras_and_wrong_light_are_refused():
-    assert "did you mean 'imx273'?" in str(refusal(get_frame_sensor, "imx237"))
+    assert "did you mean 'imx273'?" in str(refusal(get_sensor, "imx237", kind="frames"))
     camera = FrameCamera(sensor_of(), SHAPE, seed=1)
     assert "shape" in str(refusal(camera.expose, np.zeros((3, 3)), frame=0))
     for wrong in (-1.0, np.nan, np.inf):
         assert "negative or not finite" in str(refusal(camera.expose, np.full(SHAPE, wrong), frame=0))
     assert "the array's shape" in str(refusal(FrameCamera, sensor_of(), (0, 5), seed=1))
-    assert frame_sensor_names() == ["imx273"]
+    assert sensor_names("frames") == ["imx273"]
     assert replace(sensor_of(), bits=8).levels == 255

@@ -39,7 +39,7 @@ def test_ideal_counts_charge_to_the_last_spike():
         assert abs(counted - charge[0] / 29_900 * frames).max() < 1
 
 
-@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize("name", sensor_names("spikes"))
 @pytest.mark.parametrize("saturation", ["subtract", "dead_readout"])
 @pytest.mark.parametrize("reset", ["subtract", "hard"])
 def test_every_sensor_obeys_the_law_of_its_reset_and_saturation(name, saturation, reset):

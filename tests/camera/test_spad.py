@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from saf_gen.camera.spad import SpadCamera, SpadSensor, get_spad_sensor, spad_sensor_names
+from saf_gen.camera import get_sensor, sensor_names
+from saf_gen.camera.spad import SpadCamera, SpadSensor
 from saf_gen.camera.spad.camera import _random_words
 from saf_gen.camera.spad.sensor import detection_rate, exposure_for
 
@@ -18,11 +19,11 @@ LIMIT = 4.4  # standard deviations: one in 100,000 of a normal law; two million 
 
 
 def clocked(**changes) -> SpadSensor:
-    return get_spad_sensor("swissspad3", noise=QUIET | changes.pop("noise", {}), **changes)
+    return get_sensor("swissspad3", kind="photons", noise=QUIET | changes.pop("noise", {}), **changes)
 
 
 def passive(dead_frames, **changes) -> SpadSensor:
-    hz = get_spad_sensor("swissspad3").readout_hz
+    hz = get_sensor("swissspad3", kind="photons").readout_hz
     on = {"dead_time": True, "afterpulsing": True}
     return clocked(recharge="passive", dead_time_s=dead_frames / hz, exposure_s=1 / hz, noise=on, **changes)
 
@@ -228,7 +229,10 @@ def test_bits_depend_on_neither_blocks_nor_threads_nor_rows(sensor):
 
 @pytest.mark.parametrize(
     ("sensor", "digest"),
-    [(get_spad_sensor("swissspad3"), "444baad832d0a8ee"), (passive(0.7, afterpulse=0.1), "7c995db38a4b6bd2")],
+    [
+        (get_sensor("swissspad3", kind="photons"), "444baad832d0a8ee"),
+        (passive(0.7, afterpulse=0.1), "7c995db38a4b6bd2"),
+    ],
 )
 def test_bits_are_the_same_on_any_machine(sensor, digest):
     packed = np.packbits(bits(sensor, 0.7, frames=400))
@@ -257,15 +261,14 @@ def test_an_exposure_is_chosen_for_the_light():
         ({"dark_hz": -1}, "0 to 1e+06 hertz"),
         ({"exposure_us": 1}, "exposure_s"),
         ({"noise": {"shot": True}}, "shot"),
-        ({"kind": "spikes"}, "'spikes'"),
     ],
 )
 def test_what_no_array_can_be_is_refused(changes, words):
-    assert words in str(refusal(get_spad_sensor, "swissspad3", **changes))
+    assert words in str(refusal(get_sensor, "swissspad3", kind="photons", **changes))
 
 
 def test_unknown_arrays_and_wrong_calls_are_refused():
-    assert "did you mean 'swissspad3'?" in str(refusal(get_spad_sensor, "swisspad3"))
+    assert "did you mean 'swissspad3'?" in str(refusal(get_sensor, "swisspad3", kind="photons"))
     assert "the array's shape" in str(refusal(SpadCamera, clocked(), (0, 5), seed=1))
     assert "multiple of 16" in str(refusal(SpadCamera, clocked(), (64, 20), seed=1, rows=slice(3, 5)))
     camera = SpadCamera(clocked(), SHAPE, seed=1)
@@ -277,5 +280,5 @@ def test_unknown_arrays_and_wrong_calls_are_refused():
 
 
 def test_every_shipped_array_cites_its_numbers():
-    for name in spad_sensor_names():
-        assert any("doi:" in source for source in get_spad_sensor(name).sources)
+    for name in sensor_names("photons"):
+        assert any("doi:" in source for source in get_sensor(name, kind="photons").sources)

@@ -5,15 +5,22 @@ from dataclasses import replace
 import pytest
 from refusals import refusal
 
-from saf_gen.camera import get_sensor
-from saf_gen.camera import sensor as sensor_module
-from saf_gen.optics.actuators import actuator as actuator_module
-from saf_gen.optics.actuators import get_actuator
+from saf_gen.camera import get_sensor, sensor_names
+from saf_gen.camera.sensor_files import FOLDER, read_sensor
+from saf_gen.optics.actuators import actuator, actuator_names, get_actuator
 
-SENSORS, ACTUATORS = sensor_module.PRESETS, actuator_module.PRESETS
-EVERY_PRESET = [(presets, name) for presets in (SENSORS, ACTUATORS) for name in presets.names()]
-KINDS = pytest.mark.parametrize(
-    ("presets", "name"), [(SENSORS, "vidar_400x250"), (ACTUATORS, "voice_coil")], ids=["sensor", "actuator"]
+SENSORS, ACTUATORS = FOLDER, actuator.PRESETS.folder
+EVERY_PRESET = [*((read_sensor, name) for name in sensor_names()), *((get_actuator, name) for name in actuator_names())]
+DEVICES = pytest.mark.parametrize(
+    ("get", "folder", "name"),
+    [
+        (read_sensor, SENSORS, "vidar_400x250"),
+        (read_sensor, SENSORS, "swissspad3"),
+        (read_sensor, SENSORS, "imx273"),
+        (read_sensor, SENSORS, "davis346"),
+        (get_actuator, ACTUATORS, "voice_coil"),
+    ],
+    ids=["spikes", "photons", "frames", "events", "actuator"],
 )
 
 
@@ -21,8 +28,8 @@ KINDS = pytest.mark.parametrize(
 def write_copy(tmp_path):
     """A function that writes a copy of a preset's file with one text replaced, and returns its path."""
 
-    def write(presets, name, old, new):
-        text = (presets.folder / f"{name}.yaml").read_text(encoding="utf-8")
+    def write(folder, name, old, new):
+        text = (folder / f"{name}.yaml").read_text(encoding="utf-8")
         assert old in text
         path = tmp_path / "mine.yaml"
         path.write_text(text.replace(old, new), encoding="utf-8")
@@ -31,37 +38,37 @@ def write_copy(tmp_path):
     return write
 
 
-@pytest.mark.parametrize(("presets", "name"), EVERY_PRESET, ids=[name for _, name in EVERY_PRESET])
-def test_every_preset_loads_and_names_its_sources(presets, name):
-    device = presets.get(name, {})
+@pytest.mark.parametrize(("get", "name"), EVERY_PRESET, ids=[name for _, name in EVERY_PRESET])
+def test_every_preset_loads_and_names_its_sources(get, name):
+    device = get(name)
     assert device.name == name
     assert device.sources
-    assert hash(device) == hash(presets.get(name, {}))
+    assert hash(device) == hash(get(name))
 
 
-@KINDS
-def test_the_name_of_an_unknown_device_gets_the_next_step(presets, name):
-    error = refusal(presets.get, name[:-1], {})
-    assert error.problem == f"unknown {presets.kind} {name[:-1]!r}"
+@DEVICES
+def test_the_name_of_an_unknown_device_gets_the_next_step(get, folder, name):
+    error = refusal(get, name[:-1])
+    assert error.problem == f"unknown {'actuator' if get is get_actuator else 'sensor'} {name[:-1]!r}"
     assert error.nearest == name
     assert error.hint == "or give the path of a .yaml file"
 
 
 @pytest.mark.parametrize("sources", ["", "[3]"])
-@KINDS
-def test_a_device_names_its_sources(presets, name, sources, tmp_path):
-    head = (presets.folder / f"{name}.yaml").read_text(encoding="utf-8").split("sources:")[0]
+@DEVICES
+def test_a_device_names_its_sources(get, folder, name, sources, tmp_path):
+    head = (folder / f"{name}.yaml").read_text(encoding="utf-8").split("sources:")[0]
     (tmp_path / "mine.yaml").write_text(f"{head}sources: {sources}\n", encoding="utf-8")
-    error = refusal(presets.get, tmp_path / "mine.yaml", {})
+    error = refusal(get, tmp_path / "mine.yaml")
     assert error.problem.startswith("sources is ")
     assert error.allowed == "a list of at least one text"
 
 
 SENSOR_MISTAKES = [
-    ("pitch_m: 2.0e-5 ", "pitch_mm: 0.02 ", ":5", "unknown key 'pitch_mm'", "pitch_m"),
-    ("pitch_m: 2.0e-5 ", "pitch_m: 20 ", ":5", "pitch_m is 20", "2e-07 to 0.001 metres"),
-    ("pitch_m: 2.0e-5 ", "pitch_m: '2e-5' ", ":5", "pitch_m is '2e-5'", "without quotes"),
-    ("rows: 250", "rows: 2.5", ":3", "rows is 2.5", "a whole number 1 to 16384 pixels"),
+    ("pitch_m: 2.0e-5 ", "pitch_mm: 0.02 ", ":6", "unknown key 'pitch_mm'", "pitch_m"),
+    ("pitch_m: 2.0e-5 ", "pitch_m: 20 ", ":6", "pitch_m is 20", "2e-07 to 0.001 metres"),
+    ("pitch_m: 2.0e-5 ", "pitch_m: '2e-5' ", ":6", "pitch_m is '2e-5'", "without quotes"),
+    ("rows: 250", "rows: 2.5", ":4", "rows is 2.5", "a whole number 1 to 16384 pixels"),
     ("rows: 250", "", "", "the key 'rows' is missing", ""),
     (
         "response_row_legendre: [0.9123, 0.0866]",
@@ -75,7 +82,11 @@ SENSOR_MISTAKES = [
     ("{shot: true, ", "{shots: true, ", "", "unknown key 'shots' in noise", "shot"),
     ("{shot: true, ", "{shot: 1, ", "", "noise.shot is 1", "true or false"),
     ("noise: {", "noise: 3 # {", "", "noise is 3", "shot, dark"),
-    ("name: vidar_400x250", "name: 7", ":2", "name is 7", "a text"),
+    ("name: vidar_400x250", "name: 7", ":3", "name is 7", "a text"),
+    ("kind: spikes\n", "", ":2", "the key 'kind' is missing", "spikes, photons, frames, events"),
+    ("kind: spikes", "kind: spike", ":2", "kind is 'spike'", "spikes"),
+    ("kind: spikes", "kind: [spikes]", ":2", "kind is ['spikes']", "spikes, photons, frames, events"),
+    ("kind: spikes", "kind: frames", ":2", "kind is 'frames'", "spikes (ideal, "),
     ("sources:\n", "sources: []\nother:\n", "", "unknown key 'other'", ""),
 ]
 DRIFT = "drift: {per_k: 0.003, ambient_k: 5, heating_k: 10, time_s: 60}"
@@ -115,11 +126,11 @@ ACTUATOR_MISTAKES = [
     [*(("sensor", *row) for row in SENSOR_MISTAKES), *(("actuator", *row) for row in ACTUATOR_MISTAKES)],
 )
 def test_a_file_that_does_not_fit_is_refused_with_its_line(write_copy, device, old, new, where, problem, expected):
-    get, presets, name = {
+    get, folder, name = {
         "sensor": (get_sensor, SENSORS, "vidar_400x250"),
         "actuator": (get_actuator, ACTUATORS, "voice_coil"),
     }[device]
-    error = refusal(get, write_copy(presets, name, old, new))
+    error = refusal(get, write_copy(folder, name, old, new))
     assert error.problem == problem
     assert f"mine.yaml{where}" in error.where
     assert expected in error.allowed or error.nearest == expected

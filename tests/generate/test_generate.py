@@ -130,13 +130,13 @@ def test_grain_that_is_missing_is_measured_and_moves_no_spike(made, work):
     assert digests(made.folder) == before
 
 
-def test_a_recording_says_how_it_was_made_and_holds_its_sensor_as_a_sensor_file(work, made, tmp_path):
+def test_a_recording_says_how_it_was_made_and_holds_its_sensor_as_a_sensor_file_without_its_kind(work, made, tmp_path):
     with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
         provenance = stream.metadata.provenance
     assert "name: small" in provenance["recipe"]
     assert provenance["variant"] == VARIANT
     assert json.loads(provenance["versions"])["mitsuba"] == "3.9.1"
-    (tmp_path / "again.yaml").write_text(provenance["sensor"])
+    (tmp_path / "again.yaml").write_text("kind: spikes\n" + provenance["sensor"])
     assert saf_gen.get_sensor(tmp_path / "again.yaml") == work.sensor
 
 

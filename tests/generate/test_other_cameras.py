@@ -53,13 +53,14 @@ def test_a_dry_run_names_the_cameras_and_a_shard_leaves_them_out(recipe_of, smal
     ("sensor", "words"),
     [
         ("[vidar_400x250, swisspad3]", "did you mean 'swissspad3'?"),
-        ("[swissspad3, vidar_400x250]", "'swissspad3'"),
-        ("[vidar_400x250, ideal]", "unknown camera 'ideal'"),
+        ("[swissspad3, vidar_400x250]", "the sensor swissspad3 is of kind photons; allowed: spikes ("),
+        ("[vidar_400x250, ideal]", "the sensor ideal is of kind spikes; allowed: photons ("),
+        ("davis346", "the sensor davis346 is of kind events; allowed: spikes ("),
         ("[vidar_400x250, davis346, davis346]", "each camera once"),
         ("[]", "a list of a spike camera's sensor and other cameras"),
         ("7", "a sensor, or a list"),
         ("[vidar_400x250, 7]", "a sensor, or a list"),
-        ("{kind: spad}", "a sensor, or a list"),
+        ("{kind: photons}", "a sensor, or a list"),
         ("[vidar_400x250, mine.yaml]", "mine.yaml"),
     ],
 )

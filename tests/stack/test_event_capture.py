@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 
 import saf_gen
-from saf_gen.camera.events import get_event_sensor
+from saf_gen.camera import get_sensor
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.event_capture import record_events
 
@@ -35,7 +35,7 @@ def logarithms(stream, stacks):
 @pytest.mark.parametrize("name", ["plane-constant-00", "plane-lamp_only-00", "plane-dynamic-lamp_only-00"])
 def test_events_add_up_to_the_change_of_the_light(dataset, tmp_path, name):
     """Without imperfections, the sum of the events so far is never a threshold away from the logarithm of the light."""
-    sensor = get_event_sensor("davis346", dark_e_per_s=1e-3, noise=QUIET)
+    sensor = get_sensor("davis346", kind="events", dark_e_per_s=1e-3, noise=QUIET)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         record_events(stream, dataset / "stacks", sensor=sensor, path=tmp_path / "events.h5")
         light = logarithms(stream, dataset / "stacks")
@@ -104,7 +104,7 @@ def test_a_stream_in_the_way_is_not_overwritten(dataset, tmp_path, call):
 
 
 def test_a_stream_without_its_stacks_is_named(dataset, tmp_path):
-    sensor = get_event_sensor("evk4")
+    sensor = get_sensor("evk4", kind="events")
     with saf_gen.open_stream(dataset / "test/plane-constant-00.h5") as stream:
         refusal(record_events, stream, tmp_path, sensor=sensor, path=tmp_path / "events.h5")
     assert not (tmp_path / "events.h5").exists()

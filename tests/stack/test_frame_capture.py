@@ -9,7 +9,7 @@ import yaml
 from refusals import refusal
 
 import saf_gen
-from saf_gen.camera.frames import get_frame_sensor
+from saf_gen.camera import get_sensor
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.frame_capture import record_frames
 from saf_gen.stack.recapture import light_integrals
@@ -29,7 +29,7 @@ def dataset(captured_dataset):
 
 def record(dataset, name, path, *, share=None, **changes):
     fields = {"noise": QUIET, "readout_hz": HZ, "exposure_s": EXPOSURE_S, "bits": 16, "full_well_e": 1e6}
-    sensor = get_frame_sensor("imx273", **fields | changes)
+    sensor = get_sensor("imx273", kind="frames", **fields | changes)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         return record_frames(stream, dataset / "stacks", sensor=sensor, share=share, path=path)
 
@@ -187,14 +187,14 @@ def test_a_changed_number_is_found(dataset, tmp_path):
 
 def test_a_sequence_that_is_shorter_than_a_frame_is_refused(dataset, tmp_path):
     with saf_gen.open_stream(dataset / "test" / f"{NAMES[0]}.h5") as stream:
-        sensor = get_frame_sensor("imx273", readout_hz=2, exposure_s=0.3)
+        sensor = get_sensor("imx273", kind="frames", readout_hz=2, exposure_s=0.3)
         options = {"sensor": sensor, "share": None, "path": tmp_path / "frames.h5"}
         assert "at least a frame" in str(refusal(record_frames, stream, dataset / "stacks", **options))
     assert not (tmp_path / "frames.h5").exists()
 
 
 def test_a_users_file_says_its_kind(dataset, tmp_path, call):
-    fields = get_frame_sensor("imx273").as_dict() | {"name": "mine", "sources": ["me"]}
+    fields = get_sensor("imx273", kind="frames").as_dict() | {"kind": "frames", "name": "mine", "sources": ["me"]}
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(fields))
     arguments = ("recapture", dataset, "--sensor", tmp_path / "mine.yaml", "--out", tmp_path / "out")
     assert call(*arguments, "--sequence", NAMES[0])[0] == 0

@@ -8,8 +8,7 @@ import yaml
 from refusals import refusal
 
 import saf_gen
-from saf_gen.camera import parse_sensor
-from saf_gen.camera.spad import get_spad_sensor
+from saf_gen.camera import get_sensor, parse_sensor
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.recapture import record_photons
 
@@ -25,7 +24,7 @@ def dataset(captured_dataset):
 
 
 def record(dataset, name, path, *, rate=0.5, **changes):
-    sensor = get_spad_sensor("swissspad3", **{"noise": QUIET, "readout_hz": 50_000, **changes})
+    sensor = get_sensor("swissspad3", kind="photons", **{"noise": QUIET, "readout_hz": 50_000, **changes})
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         return record_photons(stream, dataset / "stacks", sensor=sensor, rate=rate, path=path)
 
@@ -160,7 +159,7 @@ def test_the_dataset_is_judged_on_both_tracks_by_measures_without_the_law_of_spi
         (("--sensor", "swissspad3", "--exposure-us", "nan"), "seconds"),
         (("--sensor", "davis346", "--exposure-us", "1"), "single-photon array"),
         (("--sensor", "nothing.yaml"), "nothing.yaml"),
-        (("--sensor", "vidar_400x250"), "unknown camera 'vidar_400x250'"),
+        (("--sensor", "vidar_400x250"), "the sensor vidar_400x250 is of kind spikes"),
     ],
 )
 def test_what_is_wrong_is_refused_before_anything_is_written(dataset, tmp_path, call, options, words):
@@ -183,7 +182,7 @@ def test_what_another_has_made_is_not_overwritten(dataset, tmp_path, call):
 
 def test_photons_are_not_recorded_again(dataset, tmp_path):
     record(dataset, NAMES[0], tmp_path / "photons.h5")
-    sensor = get_spad_sensor("qvga_spad")
+    sensor = get_sensor("qvga_spad", kind="photons")
     with saf_gen.open_stream(tmp_path / "photons.h5") as photons:
         again = {"sensor": sensor, "rate": 0.5, "path": tmp_path / "again.h5"}
         assert "single-photon array" in str(refusal(record_photons, photons, dataset / "stacks", **again))
@@ -191,10 +190,10 @@ def test_photons_are_not_recorded_again(dataset, tmp_path):
 
 
 def test_a_users_file_is_a_camera_of_the_kind_that_it_says(tmp_path, dataset, call):
-    fields = get_spad_sensor("swissspad3").as_dict() | {"name": "mine", "sources": ["me"]}
+    fields = get_sensor("swissspad3", kind="photons").as_dict() | {"kind": "photons", "name": "mine", "sources": ["me"]}
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(fields))
     arguments = ("recapture", dataset, "--sensor", tmp_path / "mine.yaml", "--out", tmp_path / "out")
     code, _, error = call(*arguments, "--sequence", NAMES[0])
     assert code == 0, error
     with saf_gen.open_stream(tmp_path / f"out/test/{NAMES[0]}.h5") as photons:
-        assert parse_sensor(photons.metadata.provenance["sensor"], "").name == "mine"
+        assert parse_sensor(photons.metadata.provenance["sensor"], "", kind="photons").name == "mine"

@@ -34,7 +34,7 @@ def test_hidden_files_are_left_out_and_named(tmp_path, call, hidden):
 
 def test_only_hidden_files_are_no_streams(tmp_path):
     (tmp_path / "._a.h5").write_bytes(b"")
-    assert_says(refusal(index_folder, tmp_path), "has no stream")
+    assert_says(refusal(index_folder, tmp_path), "has no recording")
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
     }
     assert "manifest.json" in refusal(index_folder, tmp_path).problem
     (tmp_path / "none").mkdir()
-    assert refusal(index_folder, tmp_path / "none").problem == "has no stream"
+    assert refusal(index_folder, tmp_path / "none").problem == "has no recording"
     (tmp_path / "none" / "a.h5").write_text("no stream")
     assert "not an HDF5 file" in refusal(index_folder, tmp_path / "none").problem
     assert "no such folder" in refusal(index_folder, tmp_path / "nowhere").problem

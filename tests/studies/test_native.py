@@ -31,7 +31,7 @@ def test_pixels_fire_as_often_as_those_of_the_spike_camera_in_equal_light(name):
 
 
 def test_binned_pixels_of_the_frame_camera_hold_and_lose_as_many_electrons_as_sixteen():
-    one, binned = native.get_frame_sensor("imx273"), native.camera_of("imx273")
+    one, binned = native.get_sensor("imx273", kind="frames"), native.camera_of("imx273")
     assert binned.electrons_per_level == pytest.approx(one.electrons_per_level, rel=1e-3)
     assert binned.full_well_e == 16 * one.full_well_e
     assert binned.read_noise_e == pytest.approx(16**0.5 * one.read_noise_e)

@@ -308,6 +308,7 @@ def _format_fitted_sensor(fit: SensorFit) -> str:
         "# Each comment gives the 95 % interval of a number and its source. Flat fields do not determine the numbers",
         f"# that are only marked as assumed; these are copied from {fit.base}.",
         *(f"# - {note}" for note in fit.notes),
+        f"kind: {fit.sensor.kind}",
     ]
     for key, value in fit.sensor.as_dict().items():
         estimate = fit.estimates.get(key)

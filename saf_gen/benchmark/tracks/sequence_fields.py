@@ -16,19 +16,16 @@ from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
-from saf_gen.camera import Sensor
-from saf_gen.camera.events import event_sensor_names, get_event_sensor
+from saf_gen.camera import Sensor, parse_sensor
 from saf_gen.camera.exposed_sensor import OF_PLACE
-from saf_gen.camera.sensor_files import KINDS, OF_KIND
-from saf_gen.core.config.document import validate_document
+from saf_gen.camera.sensor_files import read_sensor, sensor_names
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
 from saf_gen.core.config.json_document import load_plain_json
-from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
-from saf_gen.stream.metadata import Truth
+from saf_gen.stream.metadata import Truth, sensor_kind
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.recordings import Recording
 
@@ -119,7 +116,7 @@ def describe_sequence(
         "mean_rate": float(mean_rate.mean()),
         "obstacle": obstacle,
         "light_ratio": light_ratio(gain),
-        "sensor": sensor_of(stream.metadata.provenance),
+        "sensor": sensor_of(stream.metadata.provenance, kind=sensor_kind(stream)),
         "benchmark": benchmark_of(stream.metadata.provenance),
         "machine": describe_machine(),
         "rig": evaluator_version(track),
@@ -245,7 +242,7 @@ def _limit_for_record(value: float) -> float | None:
     return None if math.isnan(value) else min(value, MAX_SECONDS_OR_TRAVELS)
 
 
-def sensor_of(provenance: Mapping[str, str]) -> str | None:
+def sensor_of(provenance: Mapping[str, str], *, kind: str = "spikes") -> str | None:
     """Return the name of the sensor that a recording states, or None if it states no readable sensor.
 
     If the numbers of the sensor differ from those of the registered sensor of that name, because a recipe changed them
@@ -254,7 +251,7 @@ def sensor_of(provenance: Mapping[str, str]) -> str | None:
     if (text := provenance.get("event_sensor")) is not None:
         return _event_name(text)
     text = provenance.get("sensor")
-    return None if text is None else _name(text)
+    return None if text is None else _name(text, kind)
 
 
 @lru_cache(maxsize=64)
@@ -264,23 +261,20 @@ def _event_name(text: str) -> str | None:
         name, numbers = str(found["name"]), {k: v for k, v in found.items() if k not in ("name", "sources")}
     except (KeyError, TypeError, ValueError, AttributeError):  # not written by this package
         return None
-    shipped = asdict(get_event_sensor(name)) if name in event_sensor_names() else {}
+    shipped = asdict(read_sensor(name)) if name in sensor_names("events") else {}
     if numbers == {k: v for k, v in shipped.items() if k not in ("name", "sources")}:
         return name
     return f"{name}#{hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:6]}"
 
 
 @lru_cache(maxsize=64)
-def _name(text: str) -> str | None:
+def _name(text: str, kind: str) -> str | None:
     try:
-        document = parse_yaml(text, "/provenance/sensor")
-        kind = document.data.get("kind") if isinstance(document.data, dict) else None
-        presets = KINDS[OF_KIND.get(str(kind), "spikes")]
-        sensor = validate_document(presets.model, document)
+        sensor = parse_sensor(text, "/provenance/sensor", kind=kind)
     except BadInput:  # the sensor is from another version, or from an untrusted file
         return None
     digest = _digest(sensor)
-    if sensor.name in presets.names() and digest == _digest(presets.get(sensor.name, {})):
+    if sensor.name in sensor_names(kind) and digest == _digest(read_sensor(sensor.name)):
         return str(sensor.name)
     return f"{sensor.name}#{digest[:6]}"
 

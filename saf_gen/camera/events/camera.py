@@ -9,7 +9,8 @@ import numpy as np
 
 from saf_gen.camera.course import LightCourse
 from saf_gen.camera.events.kernel import EXPONENTIALS, TICK_S, read_out, record_pixels, record_queue
-from saf_gen.camera.events.sensor import EventSensor, get_event_sensor
+from saf_gen.camera.events.sensor import EventSensor
+from saf_gen.camera.sensor_files import get_sensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.core.signals import validate_signal
@@ -65,7 +66,7 @@ def encode_events(light: np.ndarray, sensor: EventSensor | str, *, seconds: floa
         not above 0.
     """
     light = validate_signal("charge", light)
-    sensor = sensor if isinstance(sensor, EventSensor) else get_event_sensor(sensor)
+    sensor = sensor if isinstance(sensor, EventSensor) else get_sensor(sensor, kind="events")
     knots = light.shape[0]
     course = LightCourse.follow(
         lambda at: at / seconds, [lambda at: at], span_s=(0.0, seconds), knots=knots, parts=max(knots - 1, 1)

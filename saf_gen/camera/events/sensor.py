@@ -1,13 +1,12 @@
-"""Event cameras: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
+"""Event-camera sensors: the values in a sensor file, immutable."""
 
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, ClassVar
 
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
 from saf_gen.camera.sensor import FillFactor, Pitch, PixelCount, Wavelength
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between, change_fields
+from saf_gen.core.config.presets import Sources, Switch, Text, between, change_fields
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -100,6 +99,7 @@ class EventSensor:
         Sources of the numbers.
     """
 
+    kind: ClassVar[str] = "events"
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -129,30 +129,4 @@ class EventSensor:
 
         Raises BadInput if a switch is unknown.
         """
-        return change_fields(self, {"noise": switches}, where=f"event sensor {self.name}")
-
-
-PRESETS = Presets("event sensor", EventSensor, folder=Path(__file__).parent / "sensors")
-
-
-def event_sensor_names() -> list[str]:
-    """Return the names of the event cameras that come with saf_gen, sorted."""
-    return PRESETS.names()
-
-
-def get_event_sensor(name: str | Path, **changes: Any) -> EventSensor:
-    """Return an event camera by name or from a user's YAML file, with some fields changed.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name of :func:`event_sensor_names`, or the path of a .yaml file.
-    **changes : optional
-        Fields of :class:`EventSensor` and their new values; ``noise`` may be a mapping of some switches.
-
-    Raises
-    ------
-    BadInput
-        If a name or field is unknown, or a value is not allowed.
-    """
-    return PRESETS.get(name, changes)
+        return change_fields(self, {"noise": switches}, where=f"sensor {self.name}")

@@ -1,8 +1,7 @@
-"""Frame cameras: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
+"""Frame-camera sensors: the values in a sensor file, immutable."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict
@@ -10,7 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from saf_gen.camera.exposed_sensor import ExposedSensor
 from saf_gen.camera.sensor import FillFactor, Filter, Pitch, PixelCount, ResponseRms, SpectralQe, Wavelength
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between
+from saf_gen.core.config.presets import Sources, Switch, Text, between
 from saf_gen.errors import BadInput
 
 
@@ -47,8 +46,6 @@ class FrameSensor(ExposedSensor):
 
     Parameters
     ----------
-    kind : str
-        ``frames``.
     name : str
         Name of the sensor.
     rows, columns : int
@@ -99,9 +96,7 @@ class FrameSensor(ExposedSensor):
         Filter in front of the sensor, as in :class:`saf_gen.camera.Sensor`.
     """
 
-    DEVICE: ClassVar[str] = "frame sensor"
-
-    kind: Literal["frames"]
+    kind: ClassVar[str] = "frames"
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -151,32 +146,6 @@ class FrameSensor(ExposedSensor):
     def mean_dark_e(self) -> float:
         """Mean dark charge of an exposure, electrons; 0 if dark current is switched off."""
         return self.dark_e_per_s * self.exposure_s * self.noise.dark
-
-
-PRESETS = Presets(FrameSensor.DEVICE, FrameSensor, folder=Path(__file__).parent / "sensors")
-
-
-def frame_sensor_names() -> list[str]:
-    """Return the names of the frame cameras that come with saf_gen, sorted."""
-    return PRESETS.names()
-
-
-def get_frame_sensor(name: str | Path, **changes: Any) -> FrameSensor:
-    """Return a frame camera by name or from a user's YAML file, with some fields changed.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name of :func:`frame_sensor_names`, or the path of a .yaml file.
-    **changes : optional
-        Fields of :class:`FrameSensor` and their new values; ``noise`` may be a mapping of some switches.
-
-    Raises
-    ------
-    BadInput
-        If a name or field is unknown, or a value is not allowed.
-    """
-    return PRESETS.get(name, changes)
 
 
 def exposure_for(electrons_per_s: np.ndarray, sensor: FrameSensor, *, share: float = 0.5) -> FrameSensor:

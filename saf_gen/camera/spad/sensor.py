@@ -1,8 +1,7 @@
-"""Single-photon arrays: immutable values read from ``sensors/<name>.yaml`` or from a user's file."""
+"""Single-photon arrays: the values in a sensor file, immutable."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict
@@ -10,7 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from saf_gen.camera.exposed_sensor import ExposedSensor
 from saf_gen.camera.sensor import FillFactor, Filter, Pitch, PixelCount, ResponseRms, SpectralQe, Wavelength
-from saf_gen.core.config.presets import Presets, Sources, Switch, Text, between
+from saf_gen.core.config.presets import Sources, Switch, Text, between
 from saf_gen.errors import BadInput
 
 
@@ -48,8 +47,6 @@ class SpadSensor(ExposedSensor):
 
     Parameters
     ----------
-    kind : str
-        ``spad``.
     name : str
         Name of the sensor.
     rows, columns : int
@@ -98,9 +95,7 @@ class SpadSensor(ExposedSensor):
         Filter in front of the sensor, as in :class:`saf_gen.camera.Sensor`.
     """
 
-    DEVICE: ClassVar[str] = "single-photon sensor"
-
-    kind: Literal["spad"]
+    kind: ClassVar[str] = "photons"
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -153,32 +148,6 @@ class SpadSensor(ExposedSensor):
     def mean_dark(self) -> float:
         """Mean dark counts per frame while the gate is open; 0 if dark counts are switched off."""
         return self.dark_hz * self.gate / self.readout_hz * self.noise.dark
-
-
-PRESETS = Presets(SpadSensor.DEVICE, SpadSensor, folder=Path(__file__).parent / "sensors")
-
-
-def spad_sensor_names() -> list[str]:
-    """Return the names of the single-photon arrays that come with saf_gen, sorted."""
-    return PRESETS.names()
-
-
-def get_spad_sensor(name: str | Path, **changes: Any) -> SpadSensor:
-    """Return a single-photon array by name or from a user's YAML file, with some fields changed.
-
-    Parameters
-    ----------
-    name : str or Path
-        A name of :func:`spad_sensor_names`, or the path of a .yaml file.
-    **changes : optional
-        Fields of :class:`SpadSensor` and their new values; ``noise`` may be a mapping of some switches.
-
-    Raises
-    ------
-    BadInput
-        If a name or field is unknown, or a value is not allowed.
-    """
-    return PRESETS.get(name, changes)
 
 
 def detection_rate(photons: np.ndarray | float, sensor: SpadSensor) -> np.ndarray:

@@ -75,6 +75,11 @@ class Document:
         """Return a document that holds only this key of the mapping."""
         return Document({key: self.data[key]}, self.path, find_lines=lambda: self._lines)
 
+    def without(self, key: str) -> "Document":
+        """Return a document that lacks this key of the mapping."""
+        data = {name: value for name, value in self.data.items() if name != key}
+        return Document(data, self.path, find_lines=lambda: self._lines)
+
 
 MAX_DATA_FILE_BYTES = 1 << 28
 """Largest size, in bytes, of a file that programs write, such as the manifest of half a million sequences."""

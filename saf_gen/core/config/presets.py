@@ -90,14 +90,14 @@ class Presets(Generic[Device]):
     ----------
     kind : str
         Name of the kind in messages, such as "sensor".
-    model : type
-        Frozen dataclass of the devices.
+    parse : callable
+        Function that returns the device in a document, a frozen dataclass.
     folder : Path
         Folder of the YAML files.
     """
 
-    def __init__(self, kind: str, model: type[Device], *, folder: Path) -> None:
-        self.kind, self.model, self.folder = kind, model, folder
+    def __init__(self, kind: str, parse: Callable[[Document], Device], *, folder: Path) -> None:
+        self.kind, self.parse, self.folder = kind, parse, folder
 
     def names(self) -> list[str]:
         """Return the names of the devices that come with saf_gen, sorted."""
@@ -114,5 +114,5 @@ class Presets(Generic[Device]):
             path = self.folder / f"{name}.yaml"
         else:
             raise unknown(self.kind, name, allowed=names, hint="or give the path of a .yaml file")
-        device = validate_document(self.model, read_yaml(path))
+        device = self.parse(read_yaml(path))
         return change_fields(device, changes, where=f"{self.kind} {name}") if changes else device

@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import asdict
-from functools import cache
+from functools import cache, partial
 from math import pi, sqrt
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
+from saf_gen.core.config.document import validate_document
 from saf_gen.core.config.presets import Presets, Sources, Text, between
 
 
@@ -177,7 +178,7 @@ class Actuator:
         return 1 / (2 * pi * self.resonance_hz * slowed)
 
 
-PRESETS = Presets("actuator", Actuator, folder=Path(__file__).parent / "presets")
+PRESETS = Presets("actuator", partial(validate_document, Actuator), folder=Path(__file__).parent / "presets")
 
 
 def actuator_names() -> list[str]:

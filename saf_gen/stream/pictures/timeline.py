@@ -99,7 +99,7 @@ def choose_windows(
         )  # fmt: skip
     total = stream.shape[0]
     span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
-    usual = 1 if stream.counted == "levels" else min(WINDOW, -(-len(span) // 10))
+    usual = 1 if stream.counted == "frames" else min(WINDOW, -(-len(span) // 10))
     length = _positive_integer("window", usual if window is None else window)
     if length > len(span):
         raise BadInput(
@@ -256,7 +256,7 @@ def read_timeline(
         np.array(starts) + (window - 1) / 2,
         np.array([stream.counts(a, a + window).mean() / window for a in starts]),
         {name: np.array(values) for name, values in scores.items()},
-        stream.counted,
+        "levels" if stream.counted == "frames" else stream.counted,
     )
 
 

@@ -101,7 +101,7 @@ def test_bright_outliers_have_much_dark_charge_and_dark_ones_are_dust(pattern):
 # --- profiles -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize("name", sensor_names("spikes"))
 def test_every_sensor_has_the_response_of_its_numbers(name):
     """The full array, seed 3, has mean 1, the white rms within FAR standard errors, and the smooth profiles.
 
