@@ -24,10 +24,11 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
 
     The id of a sequence is its path, joined with "-". Streams in a subfolder belong to the split that has the name of
     the subfolder, and streams in the folder itself to ``split``. Files and folders whose names begin with a dot, which
-    systems and editors write, are left out. Files are opened but not read completely; ``saf-gen verify`` does that.
+    systems and editors write, are left out. Each stream is read completely, so that the digests that the manifest lists
+    are those of its content.
 
     Raises BadInput if the folder is missing, is a dataset already, has no stream, contains an .h5 file that is not a
-    stream, or if two streams would have the same id.
+    stream or is damaged, or if two streams would have the same id.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -68,6 +69,7 @@ def _entry(root: Path, file: Path, *, split: str) -> SequenceEntry:
     if name_as_text(str(inside)) != str(inside):
         raise BadInput(f"the name of {file} is not UTF-8", allowed="names that a manifest can hold", hint="rename it")
     with open_stream(file) as stream:
+        stream.verify()
         frames, content = stream.shape[0], stream.content_sha256
     named = SEQUENCE_NAME.fullmatch(inside.stem)
     return SequenceEntry(
