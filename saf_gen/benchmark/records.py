@@ -121,8 +121,8 @@ class Record:
     region: str
     """Region where the method looked: ``target``, ``frame``, ``shifted``, ``half``, ``double`` or ``centre``."""
     data: str
-    """content_sha256 of the stream; in a closed loop with other time slices than the recording, a digest of stream and
-    slices."""
+    """content_sha256 of the stream, all of which was read and compared before any method ran; in a closed loop with
+    other time slices than the recording, a digest of stream and slices."""
     code: str
     """Digest of the method's options and code. The code is in the files of measure and search, and in the private
     modules (``_name.py``) that they import from the same folder; comments, docstrings, formatting and location are

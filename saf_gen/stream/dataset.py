@@ -24,11 +24,11 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
 
     They hold spikes, photons, events or frames. The id of a sequence is its path, joined with "-". Recordings in a
     subfolder belong to the split that has the name of the subfolder, and those in the folder itself to ``split``. Files
-    and folders whose names begin with a dot, which systems and editors write, are left out. Files are opened but not
-    read completely; ``saf-gen verify`` does that.
+    and folders whose names begin with a dot, which systems and editors write, are left out. Each recording is read
+    completely, so that the digests that the manifest lists are those of its content.
 
-    Raises BadInput if the folder is missing, is a dataset already, has no recording, contains an .h5 file that is none,
-    holds events or frames beside recordings of another kind, or if two recordings would have the same id.
+    Raises BadInput if the folder is missing, is a dataset already, has no recording, contains an .h5 file that is none
+    or is damaged, holds events or frames beside recordings of another kind, or has two recordings with the same id.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -76,6 +76,7 @@ def _entry(root: Path, file: Path, *, split: str, kinds: dict[str, str]) -> Sequ
     if name_as_text(str(inside)) != str(inside):
         raise BadInput(f"the name of {file} is not UTF-8", allowed="names that a manifest can hold", hint="rename it")
     with open_recording(file) as stream:
+        stream.verify()
         frames, content = stream.shape[0], stream.content_sha256
         kinds.setdefault(stream.counted, inside.as_posix())
     named = SEQUENCE_NAME.fullmatch(inside.stem)

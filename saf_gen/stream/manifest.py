@@ -22,7 +22,7 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.files import check_on_disk, check_ours, file_sha256, write_text
 from saf_gen.errors import BadInput, closest, escape_controls, unknown
 from saf_gen.stream.metadata import Metadata
-from saf_gen.stream.recordings import open_recording
+from saf_gen.stream.recordings import Recording, open_recording
 
 MANIFEST_NAME, TABLE_NAME = "manifest.json", "sequences.csv"
 TABLE_MARK = "id,split,scene,"
@@ -105,6 +105,11 @@ class Manifest:
     def splits(self) -> tuple[str, ...]:
         """The names of the splits, in the order of the sequences."""
         return tuple(dict.fromkeys(s.split for s in self.sequences))
+
+    @property
+    def file_digests(self) -> dict[str, str]:
+        """SHA-256 of each file that is listed with one, by its path in the dataset folder."""
+        return {file.file: file.sha256 for file in self.files}
 
     @property
     def default_split(self) -> str | None:
@@ -192,20 +197,36 @@ def parse_manifest(text: str, path: str | Path) -> Manifest:
     return manifest
 
 
+def check_entry(recording: Recording, entry: SequenceEntry) -> None:
+    """Raise BadInput unless an open recording states the digest and the frames of ``entry``."""
+    frames = recording.shape[0]
+    if recording.content_sha256 != entry.content_sha256 or frames != entry.frames:
+        raise BadInput(
+            f"holds {frames} frames with the SHA-256 {recording.content_sha256:.12}...",
+            where=str(recording.path),
+            allowed=f"{entry.frames} frames, {entry.content_sha256:.12}... as in {MANIFEST_NAME}",
+            hint="make it again",
+        )
+
+
+def check_content(recording: Recording, listed: str | None) -> None:
+    """Read all bytes of an open recording; raise BadInput unless they hold what its ``content_sha256`` says.
+
+    ``listed`` is the SHA-256 of its file in the manifest, which was written when the content was known. The bytes as
+    stored are a fraction of the content. Only if they are others, because another program stored the same content or
+    because something was changed, or if there is no manifest, the content itself is decompressed and compared.
+    """
+    if listed is None or file_sha256(recording.path) != listed:
+        recording.verify()
+
+
 def verify_entry(folder: str | os.PathLike[str], entry: SequenceEntry) -> Metadata:
     """Read the complete stream of ``entry`` and return its metadata.
 
     Raises BadInput if it is missing, damaged or differs from ``entry``.
     """
     with open_recording(Path(folder) / entry.file) as stream:
-        frames = stream.shape[0]
-        if stream.content_sha256 != entry.content_sha256 or frames != entry.frames:
-            raise BadInput(
-                f"holds {frames} frames with the SHA-256 {stream.content_sha256:.12}...",
-                where=str(stream.path),
-                allowed=f"{entry.frames} frames, {entry.content_sha256:.12}... as in {MANIFEST_NAME}",
-                hint="make it again",
-            )
+        check_entry(stream, entry)
         stream.verify()
         return stream.metadata
 

@@ -7,7 +7,7 @@ accepts :class:`SpikeWindows` as a map-style dataset. :mod:`saf_gen.torch` retur
 import hashlib
 import json
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from operator import getitem, index
@@ -18,8 +18,8 @@ import numpy as np
 
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
-from saf_gen.stream.count_cache import KeptCounts, counts_dtype, keep_counts
-from saf_gen.stream.manifest import SequenceEntry, check_single_split, read_manifest
+from saf_gen.stream.count_cache import KeptCounts, counts_dtype
+from saf_gen.stream.manifest import SequenceEntry, check_content, check_entry, check_single_split, read_manifest
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 COUNTS_FOLDER = "counts"
@@ -51,9 +51,9 @@ class SpikeWindows:
     """Numbered windows of spike counts from a dataset, each with the target that a network should predict.
 
     ``windows[i]`` is a tuple (counts, target), where the counts are the spikes per pixel in the window, float32
-    (1, h, w). When the first window of a sequence is requested, all its windows are counted and kept in a file, from
-    which any number of processes read them quickly in any order. The object can be pickled and used in forked
-    processes.
+    (1, h, w). When the first window of a sequence is requested, its file is compared with the manifest, and all its
+    windows are counted and kept in a file, from which any number of processes read them quickly in any order. The
+    object can be pickled and used in forked processes.
 
     Parameters
     ----------
@@ -91,7 +91,10 @@ class SpikeWindows:
         If the folder is not a dataset, the split or target is unknown, the dataset has several splits and none is
         given, or a number is not allowed; and, when a window is read, if the stream lacks the truth, the lens
         positions or the aperture that its target needs, if its scene moves and the target is its depth or blur, if
-        ``crop`` is not within the frame, or if the folder for the counts cannot be written.
+        ``crop`` is not within the frame, if the stream is not the one that the manifest lists, if the folder for the
+        counts cannot be written, if kept counts were changed, or if the number of the window is not an integer.
+    IndexError
+        If there is no window of this number.
     """
 
     def __init__(
@@ -112,8 +115,11 @@ class SpikeWindows:
         if isinstance(target, str) and target not in TARGETS:
             raise unknown("target", target, allowed=TARGETS, hint="or pass a function of (stream, first, stop)")
         entries = [entry for entry in manifest.sequences if entry.split in splits]
-        shortest = min((entry.frames for entry in entries), default=0)
-        self.window = _positive_integer("window", window, max_value=shortest)
+        if not entries:
+            raise BadInput("holds no recordings", where=str(dataset), hint="make them with saf-gen generate")
+        shortest = min(entries, key=lambda entry: entry.frames)
+        where = str(Path(dataset) / shortest.file)
+        self.window = _positive_integer("window", window, max_value=shortest.frames, where=where)
         self.stride = self.window if stride is None else _positive_integer("stride", stride)
         self.dataset, self.crop, self.target = Path(dataset), crop, target
         self.counts = Path(dataset, COUNTS_FOLDER) if counts is None else Path(counts)
@@ -122,15 +128,25 @@ class SpikeWindows:
             for entry in entries
             for first in range(0, entry.frames - self.window + 1, self.stride)
         ]
+        self._file_digests = manifest.file_digests
         self._sequences: dict[str, _Sequence] = {}
 
     def __len__(self) -> int:
         return len(self.windows)
 
     def __getitem__(self, number: int) -> tuple[np.ndarray, Any]:
-        window = self.windows[number]
+        window = self._window(number)
         sequence, at = self._sequence(window.sequence), window.first // self.stride
         return sequence.counts.read(at).astype(np.float32)[None], sequence.target_at(at)
+
+    def _window(self, number: int) -> Window:
+        what, allowed = f"the number of a window is {number!r:.60}", f"a whole number below {len(self)}"
+        try:
+            return self.windows[index(number)]
+        except TypeError as error:
+            raise BadInput(what, where=str(self.dataset), allowed=allowed, hint="read them one by one") from error
+        except IndexError as error:  # by which Python ends a loop over the windows
+            raise IndexError(f"{self.dataset}: {what}; allowed: {allowed}") from error
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_sequences": {}}
@@ -147,40 +163,43 @@ class SpikeWindows:
             firsts = np.arange(0, entry.frames - self.window + 1, self.stride)
             with ExitStack() as undo:
                 stream = undo.enter_context(open_stream(self.dataset / entry.file))
-                counts = self._keep_counts(stream, entry.id, firsts=firsts)
+                check_entry(stream, entry)
+                counts = self._keep_counts(stream, entry, firsts=firsts)
                 target_at = self._target_of(stream, firsts)
                 if callable(self.target):
                     undo.pop_all()  # the target function reads the open stream
                 self._sequences[entry.id] = _Sequence(counts, target_at, stream)
         return self._sequences[entry.id]
 
-    def _keep_counts(self, stream: SpikeStream, name: str, *, firsts: np.ndarray) -> KeptCounts:
+    def _keep_counts(self, stream: SpikeStream, entry: SequenceEntry, *, firsts: np.ndarray) -> KeptCounts:
         box = self._box(stream)
-        shape, dtype = (len(firsts), *region_shape(box)), counts_dtype(self.window)
         sides = [[side.start, side.stop] for side in box]
         key = json.dumps([stream.content_sha256, self.window, self.stride, sides])
-        path = self.counts / f"{name}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
-        with suppress(OSError, ValueError):  # missing or damaged
-            kept = KeptCounts.open(path)
-            if (kept.shape, kept.dtype) == (shape, dtype):
-                return kept
-        pieces = stream.counts_of_windows(firsts, self.window, region=box)
-        return keep_counts(path, pieces, shape=shape, dtype=dtype)
+        path = self.counts / f"{entry.id}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
+        kept = KeptCounts(path, (len(firsts), *region_shape(box)), counts_dtype(self.window), key)
+        if not kept.is_there():
+            check_content(stream, self._file_digests.get(entry.file))
+            kept.write(stream.counts_of_windows(firsts, self.window, region=box))
+        return kept
 
     def _box(self, stream: SpikeStream) -> Region:
         frame = stream.shape[1:]
         if self.crop is None:
             return slice(0, frame[0]), slice(0, frame[1])
-        if not (len(self.crop) == 2 and all(1 <= n <= length for n, length in zip(self.crop, frame, strict=True))):
-            raise BadInput(f"crop is {self.crop}", where=str(stream.path), allowed=f"(1, 1) to {frame}")
+        try:
+            crop = tuple(map(index, self.crop))
+        except TypeError:
+            crop = ()
+        if not (len(crop) == 2 and all(1 <= n <= length for n, length in zip(crop, frame, strict=True))):
+            raise BadInput(f"crop is {self.crop!r:.60}", where=str(stream.path), allowed=f"(1, 1) to {frame}")
         mask = stream.truth.target
         full_frame = slice(0, frame[0]), slice(0, frame[1])
         box = bounding_box(mask) if mask is not None and np.any(mask) else full_frame
         begins = [
             min(max((side.start + side.stop - n) // 2, 0), length - n)
-            for side, n, length in zip(box, self.crop, frame, strict=True)
+            for side, n, length in zip(box, crop, frame, strict=True)
         ]
-        return slice(begins[0], begins[0] + self.crop[0]), slice(begins[1], begins[1] + self.crop[1])
+        return slice(begins[0], begins[0] + crop[0]), slice(begins[1], begins[1] + crop[1])
 
     def _target_of(self, stream: SpikeStream, firsts: np.ndarray) -> Callable[[int], Any]:
         """Return the function that returns the target of the window which begins at ``firsts[at]``, from ``at``."""
@@ -217,12 +236,12 @@ def _missing_metadata_error(stream: SpikeStream, what: str) -> BadInput:
     )
 
 
-def _positive_integer(what: str, value: int, *, max_value: int | None = None) -> int:
+def _positive_integer(what: str, value: int, *, max_value: int | None = None, where: str = "") -> int:
     try:
         number = index(value)
     except TypeError:
         number = 0
     if number < 1 or (max_value is not None and number > max_value):
         allowed = "a whole number, at least 1" + ("" if max_value is None else f", at most {max_value}")
-        raise BadInput(f"{what} is {value!r}", allowed=allowed)
+        raise BadInput(f"{what} is {value!r:.60}", where=where, allowed=allowed)
     return number

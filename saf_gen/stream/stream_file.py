@@ -33,7 +33,7 @@ from saf_gen.stream.count_cache import count_windows
 from saf_gen.stream.interval_texture import window_texture
 from saf_gen.stream.metadata import FORMAT, LAYOUT, metadata_from_datasets, stream_digests
 from saf_gen.stream.pixel_mask import Filling, PixelMask
-from saf_gen.stream.time_blocks import TIME_BLOCK_BYTES, DamagedChunk, chunk_shape, inflate_chunk
+from saf_gen.stream.time_blocks import DamagedChunk, chunk_shape, inflate_chunk
 
 
 def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> "SpikeStream":
@@ -429,7 +429,7 @@ class SpikeStream:
         """
         self._reopen_after_fork()
         sha = hashlib.sha256()
-        for start in range(0, self._spikes.shape[2], TIME_BLOCK_BYTES):
+        for start in range(0, self._spikes.shape[2], self._time_blocks.chunk[2]):
             with self._report_damage():
                 for block in self._time_blocks.row_bands(start):
                     sha.update(block.data)

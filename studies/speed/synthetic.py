@@ -52,8 +52,8 @@ def encode_sweep(
 
 def record_sweep(
     path: Path, sensor: Sensor, *, charge: np.ndarray, frames: int, light: str = "constant", number: int = 0
-) -> None:
-    """Encode a sweep into a stream file block by block, as ``saf-gen generate`` does."""
+) -> str:
+    """Encode a sweep into a stream file block by block, as ``saf-gen generate`` does; return its content_sha256."""
     metadata = Metadata(
         focus_position=_sweep(frames).astype(np.float32), gain=_gain(light, frames), light_names=("lamp",)
     )
@@ -61,6 +61,7 @@ def record_sweep(
     with StreamWriter(path, shape=shape, readout_hz=sensor.readout_hz, metadata=metadata) as writer:
         for block in encode_sweep(sensor, charge, frames=frames, light=light, number=number):
             writer.write(block)
+    return writer.content_sha256
 
 
 def recording_gib(sensor: str, positions: int, *, frames: int) -> float:

@@ -59,7 +59,7 @@ def _dense_rate(size: Size, *, target: str) -> float:
     shape, random = (sensor.rows, sensor.columns), make_generator("bench", "dense")
     lens = ImageDistanceDrive(focal_length_m=0.035, f_number=2.0, focus_range_m=(0.9, 0.4))
     with TemporaryDirectory() as folder:
-        write_stream(
+        digest = write_stream(
             Path(folder, "0.h5"),
             random.integers(0, 2, (DENSE_FRAMES, *shape), dtype=np.uint8),
             focus_position=np.linspace(0, 1, DENSE_FRAMES, dtype=np.float32),
@@ -67,7 +67,7 @@ def _dense_rate(size: Size, *, target: str) -> float:
             provenance={PROVENANCE_KEY: lens_to_text(lens, pitch_m=sensor.pitch_m)},
         )
         entry = SequenceEntry(
-            "0", "train", "bench", 0, "static", "sweep", "constant", 0, 0, "0.h5", DENSE_FRAMES, "", ""
+            "0", "train", "bench", 0, "static", "sweep", "constant", 0, 0, "0.h5", DENSE_FRAMES, "", digest
         )
         write_manifest(Path(folder), Manifest("bench", "", "none", (entry,)))
         windows = SpikeWindows(folder, window=WINDOW, stride=10, target=target)
@@ -83,11 +83,11 @@ def _make_dataset(folder: Path, size: Size) -> None:
     sensor = get_sensor(size.sensor)
     charge = synthetic.sweep_charge(sensor, size.positions[0])
     paths = [folder / f"{number}.h5" for number in range(size.sequences)]
-    synthetic.record_sweep(paths[0], sensor, charge=charge, frames=size.frames)
+    digest = synthetic.record_sweep(paths[0], sensor, charge=charge, frames=size.frames)
     for path in paths[1:]:
         copyfile(paths[0], path)
     what = "train", "bench", 0, "static", "sweep", "constant", 0, 0
-    entries = [SequenceEntry(path.stem, *what, path.name, size.frames, "", "") for path in paths]
+    entries = [SequenceEntry(path.stem, *what, path.name, size.frames, "", digest) for path in paths]
     write_manifest(folder, Manifest("bench", "", "none", tuple(entries)))
 
 

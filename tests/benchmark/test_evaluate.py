@@ -1,3 +1,4 @@
+import json
 import shutil
 from dataclasses import replace
 from fractions import Fraction
@@ -13,15 +14,18 @@ from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
+from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard import rank_methods
+from saf_gen.optics.actuators import get_actuator
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.measures import get_measure
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
+from saf_gen.stream.time_blocks import BLOCK_MEMORY
 
 PEAK = 300.0
 BRIGHTENING = np.linspace(0.4, 2.0, SHAPE[0])
@@ -317,19 +321,73 @@ def test_any_kind_of_number_is_an_answer(stream_file, monkeypatch):
 
 
 def test_damage_that_only_a_method_reads_is_not_a_failure_of_the_method(tmp_path, monkeypatch):
-    """The damaged chunk, the last 50 frames, is read neither for the mean rate nor for thumbnails."""
+    """The last 50 frames, read neither for the mean rate nor for thumbnails, are damaged while the method runs."""
     monkeypatch.setattr(evaluate_module, "THUMBNAIL_SEQUENCES", 0)
     path = tmp_path / "torn.h5"
     write_stream(path, make_spikes(20, shape=(20_050, 8, 8)))
     with h5py.File(path) as file:
         chunk = file["spikes"].id.get_chunk_info_by_coord((0, 0, 2500))
-    with path.open("r+b") as raw:
-        raw.seek(chunk.byte_offset)
-        raw.write(b"\xff" * chunk.size)
-    with_search(monkeypatch, lambda view: Answer(view.score(0, 1000)))
-    assert one(path, "sd+mine").status == "answered"
-    with_search(monkeypatch, lambda view: Answer(view.score(20_000, 20_050)))
+
+    def tear_and_score(view):
+        with path.open("r+b") as raw:
+            raw.seek(chunk.byte_offset)
+            raw.write(b"\xff" * chunk.size)
+        BLOCK_MEMORY.reset()  # a longer recording would not stay in it
+        return Answer(view.score(20_000, 20_050))
+
+    with_search(monkeypatch, tear_and_score)
     assert refusal(one, path, "sd+mine").where.endswith("torn.h5")
+
+
+def darken(file):
+    file["spikes"][...] = 0
+
+
+def flip_the_last_bit(file):
+    file["spikes"][-1, -1, -1] ^= 128
+
+
+def move_the_lens(file):
+    del file.attrs["spikes_sha256"]  # with which opening the file would tell
+    file["focus/position"][:5] = 0.5
+
+
+def state_another_digest(file):
+    file.attrs["content_sha256"] = "0" * 64
+
+
+@pytest.mark.parametrize("listed", [True, False])
+@pytest.mark.parametrize("change", [darken, flip_the_last_bit, move_the_lens, state_another_digest])
+def test_no_record_names_a_content_that_is_not_in_the_file(dataset, tmp_path, change, listed):
+    """Methods see a part of a recording, and in the closed loop hardly any of it."""
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    path = copy / "test/board2-constant-0.h5"
+    if not listed:  # as if the streams were links
+        document = json.loads((copy / "manifest.json").read_text()) | {"files": []}
+        del document["checksum"]
+        (copy / "manifest.json").write_text(json.dumps(document))
+    assert [record.sequence for record in evaluate(copy, methods=["sd+argmax"]).records] == [path.stem, "board2-ramp-0"]
+    with h5py.File(path, "r+") as file:
+        change(file)
+    found = evaluate(copy, methods=["sd+argmax"])
+    assert [record.sequence for record in found.records] == ["board2-ramp-0"]
+    assert [failure.sequence for failure in found.failures] == [path.stem]
+    assert_says(BadInput(found.failures[0].problem), f"{path}: the content has SHA-256")
+    assert_says(refusal(one, path, "sd+argmax"), f"{path}: the content has SHA-256")
+    protocol = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.1, sweep_s=0.05)
+    error = refusal(evaluate, copy, methods=["sd+golden_section"], protocol=protocol)
+    assert_says(error, f"{path}: the content has SHA-256")
+
+
+def test_a_file_of_other_bytes_with_the_same_content_is_judged(dataset, tmp_path):
+    """Another program stored it without compression."""
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    path = copy / "test/board2-constant-0.h5"
+    with h5py.File(path, "r+") as file:
+        spikes, attributes = file["spikes"][...], dict(file["spikes"].attrs)
+        del file["spikes"]
+        file.create_dataset("spikes", data=spikes, chunks=(5, 7, 11)).attrs.update(attributes)
+    assert evaluate(copy, methods=["sd+argmax"]).records[0].data == evaluate(dataset).records[0].data
 
 
 def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path, monkeypatch):

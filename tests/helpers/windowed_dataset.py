@@ -7,6 +7,7 @@ import numpy as np
 
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.metadata import Truth
+from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
 SHAPE, FRAMES, TRUTH = (6, 9), 1_000, 0.4
@@ -28,11 +29,19 @@ def make_windowed_dataset(
     folder: Path, shape: tuple[int, int] = SHAPE, *, splits: tuple[str, ...] = ("train", "train", "test")
 ) -> Path:
     """Write sweeps s0, s1, ... of these splits, and return the folder."""
-    entries = []
     for n, split in enumerate(splits):
-        entry = replace(ENTRY, id=f"s{n}", split=split, file=f"{split}/s{n}.h5")
         position, truth = np.linspace(0, 1, FRAMES, dtype=np.float32), make_truth(shape)
-        digest = write_stream(folder / entry.file, make_spikes(n, shape), focus_position=position, truth=truth)
-        entries.append(replace(entry, content_sha256=digest))
+        file = folder / f"{split}/s{n}.h5"
+        write_stream(file, make_spikes(n, shape), focus_position=position, truth=truth)
+    return list_windowed(folder)
+
+
+def list_windowed(folder: Path) -> Path:
+    """Write the manifest of all streams in a folder, as they are now, and return the folder."""
+    entries = []
+    for file in sorted(folder.glob("*/s*.h5"), key=lambda file: file.stem):
+        entry = replace(ENTRY, id=file.stem, split=file.parent.name, file=f"{file.parent.name}/{file.name}")
+        with open_stream(file) as stream:
+            entries.append(replace(entry, frames=stream.shape[0], content_sha256=stream.content_sha256))
     write_manifest(folder, Manifest("made", "abc", "llvm", tuple(entries)))
     return folder

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import assert_says, refusal
 
 from saf_gen import open_stream, write_stream
 from saf_gen.core.bits import sum_trains
 from saf_gen.stream import time_blocks
-from saf_gen.stream.count_cache import KeptCounts, keep_counts
+from saf_gen.stream.count_cache import KeptCounts
 
 FRAMES = (np.random.default_rng(0).random((1_003, 7, 9)) < 0.4).astype(np.uint8)
 REGION = slice(2, 6), slice(3, 8)
@@ -67,9 +67,62 @@ def test_windows_that_are_not_there_are_refused(stream, firsts, window):
     assert "whole numbers" in refusal(lambda: stream.counts_of_windows(firsts, window)).allowed
 
 
-def test_kept_counts_are_an_array_that_numpy_reads(tmp_path):
-    counts = np.random.default_rng(2).integers(0, 256, (5, 3, 4), np.uint8)
-    kept = keep_counts(tmp_path / "a.npy", [counts[:2], counts[2:]], shape=counts.shape, dtype=counts.dtype)
-    assert kept == KeptCounts.open(tmp_path / "a.npy")
-    assert np.array_equal([kept.read(number) for number in range(5)], counts)
-    assert np.array_equal(np.load(tmp_path / "a.npy"), counts)
+KEPT = np.random.default_rng(2).integers(0, 256, (5, 3, 4), np.uint8)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    kept = KeptCounts(tmp_path / "a.npy", KEPT.shape, KEPT.dtype, "of a")
+    kept.write([KEPT[:2], KEPT[2:]])
+    return kept
+
+
+def test_kept_counts_are_an_array_that_numpy_reads(kept):
+    assert kept.is_there()
+    assert np.array_equal([kept.read(number) for number in range(5)], KEPT)
+    assert np.array_equal(np.load(kept.path), KEPT)
+    assert np.array_equal(np.load(kept.path, mmap_mode="r")[3], KEPT[3])
+
+
+def swap_two_windows(data, first):
+    data[first : first + 24] = data[first + 12 : first + 24] + data[first : first + 12]
+
+
+CHANGES = {
+    "one count is another": lambda data, first: data.__setitem__(first + 13, data[first + 13] ^ 1),
+    "all counts are zero": lambda data, first: data.__setitem__(slice(first, first + 60), bytes(60)),
+    "counts and checksums are zero": lambda data, first: data.__setitem__(slice(first, None), bytes(len(data) - first)),
+    "two windows changed places": swap_two_windows,
+    "a checksum is another": lambda data, first: data.__setitem__(first + 64, data[first + 64] ^ 1),
+}
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_counts_that_were_changed_behind_their_header_are_refused(kept, kind):
+    data = bytearray(kept.path.read_bytes())
+    CHANGES[kind](data, len(data) - 5 * (12 + 4))
+    kept.path.write_bytes(data)
+    assert kept.is_there()
+    error = refusal(kept.read, 1)
+    assert_says(error, f"{kept.path} | are not those that were counted | delete the file")
+
+
+def test_a_file_that_is_emptied_or_goes_while_it_is_used_is_refused(kept):
+    kept.path.write_bytes(b"")
+    assert_says(refusal(kept.read, 1), str(kept.path))
+    kept.path.unlink()
+    assert_says(refusal(kept.read, 1), f"{kept.path} | cannot be read: No such file")
+
+
+def test_counts_of_one_recording_do_not_pass_for_those_of_another(kept, tmp_path):
+    other = KeptCounts(tmp_path / "b.npy", kept.shape, kept.dtype, "of b")
+    other.write([KEPT])
+    other.path.replace(kept.path)
+    assert kept.is_there()
+    assert_says(refusal(kept.read, 0), "are not those that were counted")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"\x93NUMPY", b"\x93NUMPY\x01\x00\xff\xff{", bytes(500)])
+def test_other_files_are_no_kept_counts(kept, content):
+    kept.path.write_bytes(content)
+    assert not kept.is_there()

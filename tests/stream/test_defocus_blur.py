@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
-from windowed_dataset import FRAMES, SHAPE, make_spikes, make_truth, make_windowed_dataset
+from windowed_dataset import FRAMES, SHAPE, list_windowed, make_spikes, make_truth, make_windowed_dataset
 
 import saf_gen
 from saf_gen import SpikeWindows
@@ -161,6 +161,7 @@ def test_windows_give_depth_and_blur_of_the_pixels_that_are_counted(tmp_path):
     dataset = make_windowed_dataset(tmp_path)
     for n in range(3):
         write(next(dataset.rglob(f"s{n}.h5")))
+    list_windowed(dataset)
     box = (slice(0, 4), slice(4, 9))
     depths = SpikeWindows(dataset, "all", window=100, stride=50, crop=(4, 5), target="depth")
     blurs = SpikeWindows(dataset, "all", window=100, stride=50, crop=(4, 5), target="blur")
@@ -179,6 +180,7 @@ def test_windows_give_depth_and_blur_of_the_pixels_that_are_counted(tmp_path):
 def test_windows_of_scenes_that_move_have_no_dense_targets(tmp_path, target):
     dataset = make_windowed_dataset(tmp_path)
     write(dataset / "train/s0.h5", sequence=MOVES)
+    list_windowed(dataset)
     assert_says(
         refusal(SpikeWindows(dataset, "all", window=100, target=target).__getitem__, 0), "s0.h5 | its scene moves"
     )

@@ -3,9 +3,10 @@
 import json
 import os
 
+import h5py
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import assert_says, refusal
 
 from saf_gen.stream.dataset import index_folder
 from saf_gen.stream.interop import export_raw_frames, import_lens_log, truth_from_text
@@ -177,6 +178,15 @@ def test_a_folder_is_indexed_once_with_splits_and_names(tmp_path):
     (tmp_path / "none" / "a.h5").write_text("no stream")
     assert "not an HDF5 file" in refusal(index_folder, tmp_path / "none").problem
     assert "no such folder" in refusal(index_folder, tmp_path / "nowhere").problem
+
+
+def test_a_stream_whose_spikes_are_not_those_of_its_digest_is_not_indexed(tmp_path):
+    """`evaluate` compares a file with the digest that the manifest has of it."""
+    write_stream(tmp_path / "a.h5", np.ones((16, 4, 5), np.uint8))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["spikes"][...] = 0
+    assert_says(refusal(index_folder, tmp_path), "a.h5: the content has SHA-256")
+    assert not (tmp_path / "manifest.json").exists()
 
 
 def test_a_name_that_is_no_utf_8_is_written_as_escapes(tmp_path, call):

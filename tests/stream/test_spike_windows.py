@@ -1,13 +1,15 @@
 """Windows of a dataset for training: counts and targets as stored, counted once, and read in any order."""
 
+import json
 import multiprocessing
 import pickle
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
-from refusals import refusal
-from windowed_dataset import FRAMES, SHAPE, TRUTH, make_spikes, make_truth, make_windowed_dataset
+from refusals import assert_says, refusal
+from windowed_dataset import FRAMES, SHAPE, TRUTH, list_windowed, make_spikes, make_truth, make_windowed_dataset
 
 from saf_gen import SpikeWindows
 from saf_gen.stream import time_blocks
@@ -74,6 +76,7 @@ def test_where_the_scene_moves_the_truth_is_that_of_the_moment(dataset):
     write_stream(
         dataset / "train/s0.h5", make_spikes(0), focus_position=position, truth=replace(make_truth(), track=track)
     )
+    list_windowed(dataset)
     assert SpikeWindows(dataset, "all", window=100, target="position")[4][1] == track[450]
     assert SpikeWindows(dataset, "all", window=100)[4][1] == pytest.approx(track[450] - position[450])
 
@@ -98,14 +101,125 @@ def test_each_stream_is_inflated_once_whatever_the_order_and_however_often(datas
     assert len(inflated) > blocks
 
 
-def test_a_stream_that_was_replaced_is_counted_again(dataset):
+def replace_stream(dataset):
+    position = np.zeros(FRAMES, np.float32)
+    write_stream(dataset / "train/s0.h5", make_spikes(9), focus_position=position, truth=make_truth())
+
+
+def test_a_stream_that_was_replaced_is_counted_again_once_the_manifest_lists_it(dataset):
     before, _ = SpikeWindows(dataset, "all", window=100)[0]
-    write_stream(
-        dataset / "train/s0.h5", make_spikes(9), focus_position=np.zeros(FRAMES, np.float32), truth=make_truth()
-    )
+    replace_stream(dataset)
+    list_windowed(dataset)
     after, _ = SpikeWindows(dataset, "all", window=100)[0]
     assert np.array_equal(after[0], make_spikes(9)[:100].sum(axis=0))
     assert not np.array_equal(after, before)
+
+
+def shorten(dataset):
+    write_stream(dataset / "train/s0.h5", make_spikes(0)[:500], truth=make_truth())
+
+
+def change_file(change):
+    def of_dataset(dataset):
+        with h5py.File(dataset / "train/s0.h5", "r+") as file:
+            change(file)
+
+    return of_dataset
+
+
+def move_the_lens(file):
+    del file.attrs["spikes_sha256"]  # with which opening the file would tell
+    file["focus/position"][:5] = 0.5
+
+
+REPLACED = {
+    "another stream": (replace_stream, "as in manifest.json"),
+    "a shorter stream": (shorten, "holds 500 frames | 1000 frames"),
+    "no spikes": (change_file(lambda file: file["spikes"].__setitem__(..., 0)), "the content has SHA-256"),
+    "one other spike": (
+        change_file(lambda file: file["spikes"].__setitem__((5, 8, 124), 7)),
+        "the content has SHA-256",
+    ),
+    "another way of the lens": (change_file(move_the_lens), "the content has SHA-256"),
+}
+
+
+@pytest.mark.parametrize("listed", [True, False])
+@pytest.mark.parametrize("crop", [None, (2, 2)])
+@pytest.mark.parametrize("kind", REPLACED)
+def test_a_stream_that_is_not_the_one_of_the_manifest_is_refused(dataset, kind, crop, listed):
+    """Even if what differs is not in the windows that are counted; nothing is kept of it."""
+    change, words = REPLACED[kind]
+    if not listed:  # as if the streams were links
+        document = json.loads((dataset / "manifest.json").read_text()) | {"files": []}
+        del document["checksum"]
+        (dataset / "manifest.json").write_text(json.dumps(document))
+    change(dataset)
+    windows = SpikeWindows(dataset, "all", window=100, stride=400, crop=crop, target="position")
+    assert_says(refusal(windows.__getitem__, 0), f"train/s0.h5 | {words}")
+    assert not windows.counts.exists()
+    assert windows[3][1] == np.float32(TRUTH)  # of the next recording
+
+
+def test_a_stream_that_is_replaced_after_it_was_counted_is_refused_too(dataset):
+    SpikeWindows(dataset, "all", window=100)[0]
+    replace_stream(dataset)
+    assert_says(refusal(SpikeWindows(dataset, "all", window=100).__getitem__, 0), "train/s0.h5 | as in manifest.json")
+
+
+def test_counts_that_were_zeroed_behind_their_header_are_refused(dataset):
+    """tests/stream/test_count_cache.py: any other change of the file."""
+    windows = SpikeWindows(dataset, "all", window=100, crop=(4, 5))
+    assert sum(windows[number][0].sum() for number in range(10)) == make_spikes(0)[:, 0:4, 4:9].sum()
+    (file,) = windows.counts.glob("s0-*.npy")
+    data = file.read_bytes()
+    file.write_bytes(data[:128] + bytes(10 * 20) + data[128 + 10 * 20 :])
+    for again in (windows, SpikeWindows(dataset, "all", window=100, crop=(4, 5))):
+        assert_says(refusal(again.__getitem__, 0), f"{file} | delete the file")
+    file.unlink()
+    assert SpikeWindows(dataset, "all", window=100, crop=(4, 5))[0][0].sum() > 0
+
+
+@pytest.mark.parametrize("number", [slice(0, 3), [0, 1], (0, 1), 1.5, "0", None, ..., np.arange(3)])
+def test_a_number_of_a_window_that_is_none_is_one_line(dataset, number):
+    windows = SpikeWindows(dataset, "all", window=100)
+    assert_says(refusal(windows.__getitem__, number), f"{dataset}: the number of a window is | a whole number below 30")
+
+
+def test_a_loop_over_windows_ends_behind_the_last(dataset):
+    windows = SpikeWindows(dataset, "all", window=100)
+    assert len(list(windows)) == 30
+    assert np.array_equal(windows[np.int64(-1)][0], windows[29][0])
+    for number in (30, -31):
+        with pytest.raises(IndexError, match=f"^{dataset}: the number of a window is {number}; allowed: .* below 30$"):
+            windows[number]
+
+
+@pytest.mark.parametrize(
+    "crop", [5, (5,), (5, 5, 5), (2.5, 2), (0, 1), (-1, 1), (7, 9), "45", {}, (None, 1), np.ones(2)]
+)
+def test_a_crop_that_does_not_fit_is_one_line_that_names_the_recording(dataset, crop):
+    error = refusal(SpikeWindows(dataset, "all", crop=crop).__getitem__, 0)
+    assert (error.where, error.allowed) == (str(dataset / "train/s0.h5"), "(1, 1) to (6, 9)")
+    assert error.problem.startswith("crop is ")
+
+
+@pytest.mark.parametrize("crop", [[4, 5], np.array([4, 5])])
+def test_a_crop_may_be_any_pair_of_whole_numbers(dataset, crop):
+    assert SpikeWindows(dataset, "all", crop=crop)[0][0].shape == (1, 4, 5)
+
+
+def test_a_recording_that_is_shorter_than_a_window_is_named(dataset):
+    write_stream(dataset / "train/s1.h5", make_spikes(1)[:60], truth=make_truth())
+    list_windowed(dataset)
+    error = refusal(SpikeWindows, dataset, "all", window=61)
+    assert (error.where, error.problem) == (str(dataset / "train/s1.h5"), "window is 61")
+    assert error.allowed == "a whole number, at least 1, at most 60"
+    assert len(SpikeWindows(dataset, "test", window=61)) == 16
+
+
+def test_a_dataset_without_recordings_is_refused(tmp_path):
+    assert_says(refusal(SpikeWindows, list_windowed(tmp_path)), f"{tmp_path}: holds no recordings")
 
 
 def test_half_written_counts_are_not_used(dataset, monkeypatch):
@@ -169,9 +283,9 @@ def test_what_does_not_fit_is_refused(dataset, options, problem, allowed):
     assert (error.problem, error.allowed) == (problem, allowed)
 
 
-def test_a_crop_and_a_truth_that_are_not_there_are_refused_when_they_are_read(dataset):
-    assert refusal(lambda: SpikeWindows(dataset, "all", crop=(7, 9))[0]).allowed == "(1, 1) to (6, 9)"
+def test_a_truth_that_is_not_there_is_refused_when_it_is_read(dataset):
     write_stream(dataset / "train/s0.h5", make_spikes(0))
+    list_windowed(dataset)
     assert refusal(lambda: SpikeWindows(dataset, "all")[0]).problem == "does not state its true focus"
     assert SpikeWindows(dataset, "all", target=lambda stream, first, stop: 1.0)[0][1] == 1.0
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from saf_gen.core.files import check_on_disk, name_as_text
 from saf_gen.errors import BadInput, closest, unknown
-from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, read_manifest
+from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, check_content, read_manifest
 from saf_gen.stream.recordings import Recording
 
 
@@ -24,6 +24,7 @@ class SequenceTask:
     scene_motion: str | None = None
     lens_motion: str | None = None
     frames: int | None = None
+    file_sha256: str | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ def select_sequences_to_evaluate(
         if scene_motion not in motions:
             raise unknown("scene motion", scene_motion, allowed=motions, where=str(path))
         entries = tuple(entry for entry in entries if entry.scene_motion == scene_motion)
+    file_digests = manifest.file_digests
     tasks = [
         SequenceTask(
             id=entry.id,
@@ -85,6 +87,7 @@ def select_sequences_to_evaluate(
             scene_motion=entry.scene_motion,
             lens_motion=entry.lens_motion,
             frames=entry.frames,
+            file_sha256=file_digests.get(entry.file),
         )
         for entry in entries
     ]
@@ -129,9 +132,13 @@ def _siblings(path: Path) -> list[str]:
 
 
 def check_stream(task: SequenceTask, stream: Recording) -> None:
-    """Raise BadInput unless the stream is the one that the manifest names."""
+    """Read all bytes of a stream; raise BadInput unless it is the one that the manifest names and holds its content.
+
+    Records name this content, of which methods see only a part.
+    """
     if task.content_sha256 is not None and stream.content_sha256 != task.content_sha256:
         raise BadInput(
             f"{task.path} is not the stream that the manifest names",
             hint="make the dataset again with `saf-gen generate`",
         )
+    check_content(stream, task.file_sha256)
