@@ -375,6 +375,23 @@ FAULTS = {
             f"{EACH_LAW}[frames_photon_transfer]",
         ),
     ),
+    "black level forgotten": Fault(
+        "A frame camera reads 0 without light, so that read noise is cut off there.",
+        (Change("camera.frames.camera", "float(sensor.black_level_dn)", "0.0"),),
+        (
+            "camera/test_frames.py::test_noise_in_the_dark_is_about_the_black_level_and_not_cut_off",
+            "camera/test_frames.py::test_photon_transfer_is_that_of_shot_read_and_quantisation_noise",
+            f"{EACH_LAW}[frames_dark]",
+        ),
+    ),
+    "black level left in": Fault(
+        "What measures get of a frame camera still holds its black level, as if it were light.",
+        (Change("stream.frame_file", "return np.maximum(frames, black) - black", "return frames"),),
+        (
+            "stack/test_frame_capture.py::test_windows_are_of_the_light_above_the_black_level_that_the_file_keeps",
+            "stack/test_frame_capture.py::test_a_frame_holds_the_light_of_its_exposure",
+        ),
+    ),
     "import flipped": Fault(
         "Raw frames are read upside down, both those whose top row comes first and those whose bottom row does.",
         (Change("stream.interop.raw_frames", "- y if flip else y", "- y if not flip else y"),),
