@@ -353,6 +353,30 @@ FAULTS = {
             "stack/test_recapture.py::test_as_many_photons_are_detected_as_the_light_has",
         ),
     ),
+    "dark counts behind the gate": Fault(
+        "A single-photon array counts dark counts for the whole frame, also while its gate is closed.",
+        (Change("camera.spad.sensor", "self.dark_hz * self.gate / self", "self.dark_hz / self"),),
+        (
+            "camera/test_spad.py::test_dark_counts_come_only_while_the_gate_is_open",
+            "camera/test_spad.py::test_dark_counts_add_to_the_photons_of_the_open_gate",
+        ),
+    ),
+    "OFF thresholds alike": Fault(
+        "The thresholds of falling light do not differ between the pixels of an event camera.",
+        (Change("camera.events.camera", "sensor.threshold_off + spread", "sensor.threshold_off + 0.0 * spread"),),
+        (
+            "camera/test_events.py::test_thresholds_of_either_polarity_are_normal_over_the_pixels",
+            "camera/test_events.py::test_the_two_thresholds_of_a_pixel_are_independent",
+        ),
+    ),
+    "leaks of a median": Fault(
+        "The stated rate of leaks is the median over the pixels of an event camera, so that their mean is larger.",
+        (Change("camera.events.camera", "- 0.5 * sd**2)", "- 0.0 * sd**2)"),),
+        (
+            "camera/test_events.py::test_the_mean_of_the_leaks_is_the_stated_rate_however_much_pixels_differ",
+            "camera/test_events.py::test_leaks_are_log_normal_over_the_pixels",
+        ),
+    ),
     "rolling skew reversed": Fault(
         "A rolling shutter begins with the last row.",
         (
