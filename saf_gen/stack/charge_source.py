@@ -79,7 +79,7 @@ class ChargeSource:
         Parameters
         ----------
         run : FrameRun
-            Frames between two time slices.
+            Frames among the same time slices.
         position : ndarray, shape (T,)
             Position of the lens in each readout of the recording, 0 to 1.
         gain : ndarray, shape (T, G)
@@ -94,18 +94,18 @@ class ChargeSource:
             return {"stack": stack, "index": index - spec.drawn.start, "fraction": fraction, "gain": gain}
         first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
         stack = self.stack(run, range(first, stop), summed=summed)
-        weight = self.time_stack.interpolation_weight(run)[:, None]
-        gain = np.concatenate([gain * (1 - weight), gain * weight], axis=1)
+        weights = self.time_stack.interpolation_weights(run)
+        gain = np.concatenate([gain * weight[:, None] for weight in weights.T], axis=1)
         return {"stack": stack, "index": index - first, "fraction": fraction, "gain": gain}
 
     def stack(self, run: FrameRun, positions: range, *, summed: bool = False) -> np.ndarray:
         """Return the charge at position indices during a run of frames, float32 (light, focus, row, col), at scale 1.
 
-        In a moving scene the lights of the earlier time slice come first, and then those of the later one. ``summed``
-        adds up the lights of each.
+        In a moving scene the lights of the earliest time slice come first, and then those of the next ones. ``summed``
+        adds up the lights of each. Of a position at which a stack was not rendered it gives the nearest picture: its
+        weight is 0 there, or all but 0 if another camera meets the lens between two readouts of the first one.
         """
-        slices = (run.slice_index, run.slice_index + 1) if self.time_stack.is_moving else (0,)
-        return np.concatenate([self._charge(j, positions, summed=summed) for j in slices])
+        return np.concatenate([self._charge(j, positions, summed=summed) for j in self.time_stack.stacks_of(run)])
 
     def _slice_weight(self, frame: float) -> tuple[int, float]:
         """Return the index of the stack before the middle of a frame, and the weight of the next one, 0 to 1."""
@@ -113,7 +113,8 @@ class ChargeSource:
             return 0, 0.0
         starts = self.time_stack.slice_frames
         j = min(max(int(np.searchsorted(starts, frame + 0.5, side="right")) - 1, 0), len(starts) - 2)
-        return j, float(np.clip((frame + 0.5 - starts[j]) / (starts[j + 1] - starts[j]), 0, 1))
+        apart = max(starts[j + 1] - starts[j], 1)  # 0 if both belong to one readout of a slow camera
+        return j, float(np.clip((frame + 0.5 - starts[j]) / apart, 0, 1))
 
     def _charge_at(self, j: int, position: float) -> np.ndarray:
         """Return the charge of stack j at one focus position, (light, row, col), without the exposure."""
@@ -130,7 +131,10 @@ class ChargeSource:
         ``summed`` adds up the light groups.
         """
         if self.time_stack.is_moving:
-            charge = np.stack(self._cached_planes(j, positions), axis=1)
+            drawn = self.time_stack.specs[j].drawn
+            nearest = np.clip(positions, drawn.start, drawn.stop - 1)
+            planes = self._cached_planes(j, range(int(nearest[0]), int(nearest[-1]) + 1))
+            charge = np.stack([planes[k - nearest[0]] for k in nearest], axis=1)
             return charge.sum(axis=0, keepdims=True) if summed else charge
         begin = self.time_stack.specs[0].drawn.start
         return self._static_charge(summed=summed)[:, positions.start - begin : positions.stop - begin]

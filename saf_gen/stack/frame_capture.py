@@ -29,7 +29,7 @@ from saf_gen.stack.time_resolved import FrameRun
 from saf_gen.stream.frame_file import FINGERPRINT, FrameFile, write_frames
 from saf_gen.stream.stream_file import SpikeStream
 
-MODEL = 2
+MODEL = 3
 """Number of the law by which frames are made; it is part of their fingerprint."""
 STEP_S, LEAST_STEPS = 5e-5, 8
 LIGHT_S = "light_s"
@@ -123,7 +123,8 @@ def record_frames(
             charge = expose_light(source, integrals, begin_s=begin, exposure_s=placed.exposure_s, position=position)
             yield camera.expose(charge * per_s, frame=frame)
 
-    digest = write_frames(path, expose(), shape=shape, readout_hz=placed.readout_hz, metadata=metadata)
+    hz, black = placed.readout_hz, placed.black_level_dn
+    digest = write_frames(path, expose(), shape=shape, readout_hz=hz, black_level_dn=black, metadata=metadata)
     return frames, digest, placed
 
 

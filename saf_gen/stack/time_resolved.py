@@ -6,9 +6,10 @@ two nearest positions. The encoder gets the two stacks as two sets of lights, so
 """
 
 import hashlib
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise, takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,11 +22,11 @@ from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
 
 SHADING_MOMENTS = 9  # number of moments whose light paths give the shading of a time slice, including its own
-FRAMES_PER_BYTE = 8  # the encoder writes whole bytes, so a pair of stacks can change only between two bytes
+FRAMES_PER_BYTE = 8  # a camera writes whole bytes, so the stacks that it is given can change only between two bytes
 
 
 class FrameRun(NamedTuple):
-    """Frames ``begin <= t < end`` between two time slices; ``slice_index`` is the index of the earlier one."""
+    """Frames ``begin <= t < end`` of a recording; ``slice_index`` is the index of the last time slice before them."""
 
     begin: int
     end: int
@@ -100,18 +101,41 @@ class TimeResolvedStack:
         return digests[0] if len(digests) == 1 else hashlib.sha256(" ".join(digests).encode()).hexdigest()
 
     def split_at_slices(self, begin: int, end: int) -> Iterator[FrameRun]:
-        """Yield frames begin <= t < end in runs between the same two stacks; one run for a static scene."""
+        """Yield frames begin <= t < end in runs that end at whole bytes; one run for a static scene.
+
+        A run lies between two stacks, unless a stack belongs to a frame within a byte: these eight frames are a run of
+        their own, among three stacks or more. Stacks of spike cameras belong to whole bytes; those of a camera with
+        another rate need not.
+        """
         if not self.is_moving:
             yield FrameRun(begin, end, 0)
             return
-        for j, (first, last) in enumerate(pairwise(self.slice_frames)):
-            if first < end and last > begin:
-                yield FrameRun(max(first, begin), min(last, end), j)
+        end = min(end, self.slice_frames[-1])
+        while begin < end:
+            j = bisect_right(self.slice_frames, begin) - 1
+            stop = self.slice_frames[j + 1] // FRAMES_PER_BYTE * FRAMES_PER_BYTE
+            if stop <= begin:
+                stop = (begin // FRAMES_PER_BYTE + 1) * FRAMES_PER_BYTE
+            yield FrameRun(begin, min(stop, end), j)
+            begin = stop
 
-    def interpolation_weight(self, run: FrameRun) -> np.ndarray:
-        """Return the weight of the later stack in each readout of a run, float64, 0 to 1."""
-        first, last = self.slice_frames[run.slice_index], self.slice_frames[run.slice_index + 1]
-        return (np.arange(run.begin, run.end) + 0.5 - first) / (last - first)
+    def stacks_of(self, run: FrameRun) -> range:
+        """Return the indices of the stacks among which a run lies; of a static scene, that of its one stack."""
+        if not self.is_moving:
+            return range(1)
+        last = bisect_left(self.slice_frames, run.end)
+        return range(run.slice_index, max(last, run.slice_index + 1) + 1)
+
+    def interpolation_weights(self, run: FrameRun) -> np.ndarray:
+        """Return the weight of each stack of a run in each of its readouts, float64 (readouts, stacks), 0 to 1."""
+        starts, stacks = np.array(self.slice_frames), self.stacks_of(run)
+        frames = np.arange(run.begin, run.end)
+        before = np.searchsorted(starts, frames, side="right") - 1
+        later = (frames + 0.5 - starts[before]) / (starts[before + 1] - starts[before])
+        weights = np.zeros((frames.size, len(stacks)))
+        weights[np.arange(frames.size), before - stacks.start] = 1 - later
+        weights[np.arange(frames.size), before - stacks.start + 1] = later
+        return weights
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,7 @@ def describe_frames(frames: FrameFile) -> dict[str, str]:
         means.append(float(frame.mean()))
         darkest, brightest = min(darkest, int(frame.min())), max(brightest, int(frame.max()))
     facts["numbers"] = f"{darkest} to {brightest}; means of frames {min(means):.1f} to {max(means):.1f}"
+    facts["black level"] = f"{frames.black_level_dn}, in all numbers; windows and measures take it off"
     return facts
 
 

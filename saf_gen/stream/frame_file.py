@@ -1,7 +1,8 @@
-"""The file of a frame camera, layout version 1: one HDF5 file per sequence, beside the truth of the sequence.
+"""The file of a frame camera, layout version 2: one HDF5 file per sequence, beside the truth of the sequence.
 
-``/frames`` (uint16; T, H, W) holds the numbers that were read out. Everything else is as in a stream file
-(:mod:`saf_gen.stream.stream_file`): focus, light, truth and provenance, for the T frames.
+``/frames`` (uint16; T, H, W) holds the numbers that were read out, the camera's black level included; the attribute
+``black_level_dn`` states it. Everything else is as in a stream file (:mod:`saf_gen.stream.stream_file`): focus, light,
+truth and provenance, for the T frames.
 """
 
 import hashlib
@@ -21,7 +22,7 @@ from saf_gen.stream.full_disk import new_hdf5
 from saf_gen.stream.metadata import Metadata, metadata_to_datasets, stream_digest_lines
 from saf_gen.stream.pixel_mask import Filling
 
-FORMAT, LAYOUT = "saf-gen frames", 1
+FORMAT, LAYOUT = "saf-gen frames", 2
 FINGERPRINT = "frames_fingerprint"
 """Name of the text in the provenance that says from what the frames were made."""
 METHOD = "--method sd+argmax:window=3"
@@ -34,6 +35,7 @@ def write_frames(
     *,
     shape: tuple[int, int, int],
     readout_hz: float,
+    black_level_dn: int,
     metadata: Metadata,
 ) -> str:
     """Write the file of a frame camera, whole or not at all, and return its content_sha256.
@@ -48,6 +50,8 @@ def write_frames(
         (T, H, W).
     readout_hz : float
         Frames per second.
+    black_level_dn : int
+        Number that stands for no light, in every frame.
     metadata : Metadata
         Everything that the file holds except the frames.
 
@@ -75,16 +79,20 @@ def write_frames(
         for name, value in datasets.items():
             text = isinstance(value, str | tuple)
             file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-        content = _content_digest(datasets, sha.hexdigest(), shape=shape, readout_hz=float(readout_hz))
-        file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=content, readout_hz=float(readout_hz))
+        stated = {"readout_hz": float(readout_hz), "black_level_dn": int(black_level_dn)}
+        content = _content_digest(datasets, sha.hexdigest(), shape=shape, stated=stated)
+        file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=content, **stated)
     return content
 
 
-def _content_digest(small: Mapping[str, Any], frames: str, *, shape: tuple[int, int, int], readout_hz: float) -> str:
-    """Return ``content_sha256``: over the frames, of this digest, and all datasets but the provenance."""
+def _content_digest(
+    small: Mapping[str, Any], frames: str, *, shape: tuple[int, int, int], stated: Mapping[str, float]
+) -> str:
+    """Return ``content_sha256``: over the frames, of this digest, the numbers stated, and all but the provenance."""
     lines = [line for line in stream_digest_lines(small.items()) if not line.startswith("/provenance/")]
     lines.append(f"/frames uint16 {'x'.join(map(str, shape))} {frames}")
-    return hashlib.sha256("\n".join([f"readout_hz {readout_hz!r}", *sorted(lines)]).encode()).hexdigest()
+    numbers = [f"{name} {value!r}" for name, value in stated.items()]
+    return hashlib.sha256("\n".join([*numbers, *sorted(lines)]).encode()).hexdigest()
 
 
 def has_frames(path: str | os.PathLike[str]) -> bool:
@@ -117,6 +125,8 @@ class FrameFile(CheckedFile):
         (T, H, W): frames, rows and columns.
     readout_hz : float
         Frames per second.
+    black_level_dn : int
+        Number that stands for no light, in every frame.
     metadata : Metadata
         Lens, light and truth, as in a stream file; ``truth``, ``focus_position``, ``gain`` and ``light_names`` are its.
     content_sha256 : str
@@ -142,6 +152,10 @@ class FrameFile(CheckedFile):
             raise BadInput("it does not say its frames per second", where=where, hint="make it again")
         self.shape = self._frames.shape
         self.readout_hz = float(hz)
+        black = read_attribute(self._file, "black_level_dn", number=True)
+        if black is None or not 0 <= black < 2**16 or black != int(black):  # also false for NaN
+            raise BadInput("it does not say its black level", where=where, hint="make it again")
+        self.black_level_dn = int(black)
         if self._frames.chunks != (1, *self.shape[1:]) or self._frames.id.get_num_chunks() < self.shape[0]:
             raise BadInput("/frames was not written to its end", where=where, hint="make it again")
         check_deflated(self._frames, where=where)
@@ -152,7 +166,7 @@ class FrameFile(CheckedFile):
         return f"<FrameFile {self._where.name}: {frames:,} frames of {columns}×{rows} at {self.readout_hz:g} Hz>"
 
     def frames(self, first: int, stop: int, *, region: Region | None = None) -> np.ndarray:
-        """Return frames ``first <= t < stop``, uint16 (stop - first, h, w).
+        """Return frames ``first <= t < stop`` as they were read out, with the black level: uint16 (stop - first, h, w).
 
         Raises BadInput if the window is empty or leaves the recording, the region leaves the frame, or the file is
         damaged.
@@ -164,11 +178,16 @@ class FrameFile(CheckedFile):
         return found
 
     def counts(self, first: int, stop: int, *, region: Region | None = None, filled: bool = True) -> np.ndarray:
-        """Return the sum of frames ``first <= t < stop``, uint32 (h, w); raise BadInput as :meth:`frames` does."""
+        """Return the sum of the light of frames ``first <= t < stop``, levels above the black level: uint32 (h, w).
+
+        Measures that divide by the mean are then of the light alone, as with every other camera; all others are the
+        same with the black level and without it. A number below the black level, which is noise in the dark, counts as
+        0. Raises BadInput as :meth:`frames` does.
+        """
         total = np.zeros(region_shape(validate_region(region, self.shape[1:], where=str(self.path))), np.uint32)
         window = validate_window(first, stop, total=self.shape[0], where=str(self.path))
         for frame in range(window.start, window.stop):  # one at a time, so that memory does not grow with the window
-            total += self.frames(frame, frame + 1, region=region)[0]
+            total += above_black(self.frames(frame, frame + 1, region=region)[0], self.black_level_dn)
         return total
 
     def filling(self, region: Region | None = None) -> Filling:
@@ -188,8 +207,15 @@ class FrameFile(CheckedFile):
         sha = hashlib.sha256()
         for frame in range(self.shape[0]):
             sha.update(self.frames(frame, frame + 1).astype("<u2").tobytes())
-        found = _content_digest(self._small, sha.hexdigest(), shape=self.shape, readout_hz=self.readout_hz)
+        stated = {"readout_hz": self.readout_hz, "black_level_dn": self.black_level_dn}
+        found = _content_digest(self._small, sha.hexdigest(), shape=self.shape, stated=stated)
         self._check_content(found)
+
+
+def above_black(frames: np.ndarray, black_level_dn: int) -> np.ndarray:
+    """Return by how much the numbers of frames are above the black level, at least 0: uint16."""
+    black = np.uint16(black_level_dn)
+    return np.maximum(frames, black) - black
 
 
 def check_replaceable(path: Path) -> None:

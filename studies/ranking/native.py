@@ -138,6 +138,7 @@ def camera_of(name: str) -> Any:
         full_well_e=BIN**2 * one.full_well_e,
         read_noise_e=BIN * one.read_noise_e,
         bits=one.bits + 4,
+        black_level_dn=BIN**2 * one.black_level_dn,
         dark_e_per_s=BIN**2 * one.dark_e_per_s,
         response_rms=one.response_rms / BIN,
     )

@@ -223,6 +223,67 @@ def test_thresholds_differ_between_pixels_and_not_in_time():
     assert np.ptp(one) <= 60  # of 33,000 µs, from the knots
 
 
+def first_levels(sensor, *, rising, pixels=3000, seed=6):
+    """Return by how much the logarithm of the light has changed at the first event of each pixel."""
+    change = 2.0 if rising else -2.0
+    knots = np.exp(np.linspace(0, change, 201)).astype(np.float32)
+    light = 1e5 * knots[:, None, None] * np.ones((1, 1, pixels), np.float32)
+    events = encode_events(light, sensor, seconds=1.0, seed=seed)
+    seen, at = np.unique(events.x, return_index=True)
+    assert len(seen) == pixels
+    assert (events.p == rising).all()
+    return events.t[at] * 2e-6
+
+
+@pytest.mark.parametrize("rising", [True, False])
+def test_thresholds_of_either_polarity_are_normal_over_the_pixels(rising):
+    """Mean and spread of 3,000 thresholds, each at 4.4 standard deviations (1 in 100,000); seed 6.
+
+    Light is straight between knots of 1 % and instants are rounded to a microsecond, which is 1e-4.
+    """
+    wanted = {"threshold_on": 0.2, "threshold_off": 0.26}["threshold_on" if rising else "threshold_off"]
+    levels = first_levels(davis("mismatch", threshold_off=0.26, threshold_rms=0.03), rising=rising)
+    assert abs(levels.mean() - wanted) < 4.4 * 0.03 / np.sqrt(3000) + 1e-4
+    assert abs(levels.std() / 0.03 - 1) < 4.4 / np.sqrt(6000)
+    assert stats.kstest((levels - wanted) / 0.03, "norm").pvalue > 1e-5
+
+
+def test_the_two_thresholds_of_a_pixel_are_independent():
+    """Their correlation over 3,000 pixels, and the spread of their sum, at 4.4 standard deviations; seed 8."""
+    sensor = davis("mismatch", threshold_rms=0.03)
+    on, off = (first_levels(sensor, rising=rising, seed=8) for rising in (True, False))
+    assert abs(np.corrcoef(on, off)[0, 1]) < 4.4 / np.sqrt(3000)
+    assert abs((on + off).std() / (0.03 * np.sqrt(2)) - 1) < 4.4 / np.sqrt(6000)
+
+
+@pytest.mark.parametrize("log_sd", [0.3, 0.8])
+def test_the_mean_of_the_leaks_is_the_stated_rate_however_much_pixels_differ(log_sd):
+    """Events of 8,000 pixels in 1 s: r·T with a spread of r·T·√((exp(s²) - 1)/n), at 4.4 of them; seed 12.
+
+    Phases are drawn evenly, so that the number of events of a pixel is its rate times T on average.
+    """
+    sensor = davis("leak", "mismatch", leak_hz=10.0, leak_log_sd=log_sd)
+    events = constant(sensor, 1.0, shape=(80, 100), seed=12)
+    spread = np.sqrt((np.expm1(log_sd**2) + 0.25 / 10.0**2) / 8000)
+    assert abs(len(events.t) / (8000 * 10.0) - 1) < 4.4 * spread
+
+
+@pytest.mark.parametrize("log_sd", [0.3, 0.6])
+def test_leaks_are_log_normal_over_the_pixels(log_sd):
+    """Mean of the logarithms of 2,000 rates, ln r - s²/2, and their spread s, at 4.4 standard deviations; seed 14."""
+    sensor = davis("leak", "mismatch", leak_hz=60.0, leak_log_sd=log_sd)
+    events = constant(sensor, 1.0, seed=14)
+    pixel = events.y.astype(int) * 50 + events.x
+    order = np.lexsort((events.t, pixel))
+    first, number = np.unique(pixel[order], return_index=True, return_counts=True)[1:]
+    assert len(first) == 2000
+    assert number.min() >= 2
+    t = events.t[order]
+    logs = np.log((number - 1) / (t[first + number - 1] - t[first]) * 1e6)
+    assert abs(logs.mean() - (np.log(60.0) - log_sd**2 / 2)) < 4.4 * log_sd / np.sqrt(2000)
+    assert abs(logs.std() / log_sd - 1) < 4.4 / np.sqrt(4000)
+
+
 def test_events_wait_for_the_readout():
     light = get_light("steps", every_s=0.01, levels=[1.0, 1.3])
     events = record(davis("readout", readout_events_per_s=1e5), light, seconds=0.0199, level=1e5, shape=(20, 10))

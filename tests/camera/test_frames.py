@@ -27,16 +27,28 @@ def frames(sensor, charge, *, count=40, seed=1):
 
 @pytest.mark.parametrize("charge", [0.0, 10.0, 500.0, 7000.0])
 def test_photon_transfer_is_that_of_shot_read_and_quantisation_noise(charge):
-    """Var = (charge + read²)/K² + 1/12, with K electrons per level, where nothing is cut off at 0 (EMVA 1288, 2.2)."""
+    """Mean = black + charge/K and Var = (charge + read²)/K² + 1/12, K electrons per level (EMVA 1288, 2.2)."""
     sensor = sensor_of(noise={"shot": True, "read": True}, read_noise_e=30.0)
-    seen = frames(sensor, charge + 400)  # far enough above 0
-    k, wanted = sensor.electrons_per_level, charge + 400
-    assert abs(seen.mean() - wanted / k) < LIMIT * np.sqrt(wanted + 900) / k / np.sqrt(seen.size)
-    variance = (wanted + 30.0**2) / k**2 + 1 / 12
+    seen = frames(sensor, charge)
+    k = sensor.electrons_per_level
+    mean = sensor.black_level_dn + charge / k
+    assert abs(seen.mean() - mean) < LIMIT * np.sqrt(charge + 900) / k / np.sqrt(seen.size)
+    variance = (charge + 30.0**2) / k**2 + 1 / 12
     assert abs(seen.var() / variance - 1) < LIMIT * np.sqrt(2 / seen.size) + 2e-3
 
 
-ELECTRONS = {"full_well_e": 65_535.0, "bits": 16}  # a number for each electron
+@pytest.mark.parametrize(("black", "read_e"), [(240, 2.8), (240, 12.0), (64, 2.8), (32, 9.0)])
+def test_noise_in_the_dark_is_about_the_black_level_and_not_cut_off(black, read_e):
+    """Mean and variance of 480,000 numbers, black and read²/K² + 1/12, each at 1 in 100,000; the seed is 23."""
+    sensor = sensor_of(noise={"read": True}, read_noise_e=read_e, black_level_dn=black)
+    seen = frames(sensor, 0.0, count=100, seed=23)
+    variance = (read_e / sensor.electrons_per_level) ** 2 + 1 / 12
+    assert abs(seen.mean() - black) < LIMIT * np.sqrt(variance / seen.size)
+    assert abs(seen.var() / variance - 1) < LIMIT * np.sqrt(2 / seen.size)
+    assert (seen == 0).mean() < 0.005  # as EMVA 1288 asks of an offset
+
+
+ELECTRONS = {"full_well_e": 65_535.0, "bits": 16, "black_level_dn": 0}  # a number for each electron
 SIGNIFICANCE = 1e-4  # of each χ² test; 480,000 numbers, whose seeds are stated
 
 
@@ -83,24 +95,24 @@ def test_pixels_and_frames_are_independent():
         assert abs((a * b).mean() / off.var()) * np.sqrt(a.size) < LIMIT
 
 
-@pytest.mark.parametrize(("charge", "level"), [(0.0, 0), (10_500.0, 4095), (1e6, 4095), (5252.0, 2048)])
+@pytest.mark.parametrize(("charge", "level"), [(0.0, 240), (10_500.0, 4095), (1e6, 4095), (5250.0, 2168)])
 def test_a_well_is_full_at_the_largest_number(charge, level):
     assert (frames(sensor_of(), charge, count=1) == level).all()
 
 
 def test_every_number_of_bits_has_its_levels():
     for bits in (1, 8, 12, 16):
-        seen = frames(sensor_of(bits=bits), 10_500.0, count=1)
+        seen = frames(sensor_of(bits=bits, black_level_dn=0), 10_500.0, count=1)
         assert (seen == 2**bits - 1).all()
 
 
 def test_dark_current_and_response_differ_between_pixels_and_stay():
     dark = sensor_of(dark_e_per_s=1e6, dark_hot_fraction=0.0, noise={"dark": True})
-    seen = frames(dark, 0.0, count=2) * dark.electrons_per_level
+    seen = (frames(dark, 0.0, count=2) - dark.black_level_dn) * dark.electrons_per_level
     np.testing.assert_array_equal(seen[0], seen[1])
     assert seen[0].mean() == pytest.approx(1e6 * dark.exposure_s, rel=0.05)
     assert np.log(seen[0]).std() == pytest.approx(0.5, rel=0.1)
-    lit = frames(sensor_of(response_rms=0.05, noise={"response": True}), 5000.0, count=2)
+    lit = frames(sensor_of(response_rms=0.05, noise={"response": True}), 5000.0, count=2) - dark.black_level_dn
     np.testing.assert_array_equal(lit[0], lit[1])
     assert lit[0].std() / lit[0].mean() == pytest.approx(0.05, rel=0.1)
 
@@ -132,6 +144,9 @@ def test_an_exposure_is_chosen_for_the_light():
         ({"row_s": 1e-5}, "0 with global"),
         ({"shutter": "mechanical"}, "'mechanical'"),
         ({"bits": 17}, "1 to 16"),
+        ({"bits": 7}, "0 to 126, below the largest number"),
+        ({"black_level_dn": -1}, "black_level_dn"),
+        ({"black_level_dn": 0.5}, "whole number"),
         ({"bits": 8.5}, "whole number"),
         ({"full_well_e": 0}, "10 to 1e+07"),
         ({"noise": {"dust": True}}, "dust"),
@@ -149,4 +164,4 @@ def test_unknown_cameras_and_wrong_light_are_refused():
         assert "negative or not finite" in str(refusal(camera.expose, np.full(SHAPE, wrong), frame=0))
     assert "the array's shape" in str(refusal(FrameCamera, sensor_of(), (0, 5), seed=1))
     assert sensor_names("frames") == ["imx273"]
-    assert replace(sensor_of(), bits=8).levels == 255
+    assert replace(sensor_of(), bits=8, black_level_dn=15).levels == 255

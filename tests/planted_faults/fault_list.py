@@ -390,6 +390,30 @@ FAULTS = {
             "stack/test_recapture.py::test_as_many_photons_are_detected_as_the_light_has",
         ),
     ),
+    "dark counts behind the gate": Fault(
+        "A single-photon array counts dark counts for the whole frame, also while its gate is closed.",
+        (Change("camera.spad.sensor", "self.dark_hz * self.gate / self", "self.dark_hz / self"),),
+        (
+            "camera/test_spad.py::test_dark_counts_come_only_while_the_gate_is_open",
+            "camera/test_spad.py::test_dark_counts_add_to_the_photons_of_the_open_gate",
+        ),
+    ),
+    "OFF thresholds alike": Fault(
+        "The thresholds of falling light do not differ between the pixels of an event camera.",
+        (Change("camera.events.camera", "sensor.threshold_off + spread", "sensor.threshold_off + 0.0 * spread"),),
+        (
+            "camera/test_events.py::test_thresholds_of_either_polarity_are_normal_over_the_pixels",
+            "camera/test_events.py::test_the_two_thresholds_of_a_pixel_are_independent",
+        ),
+    ),
+    "leaks of a median": Fault(
+        "The stated rate of leaks is the median over the pixels of an event camera, so that their mean is larger.",
+        (Change("camera.events.camera", "- 0.5 * sd**2)", "- 0.0 * sd**2)"),),
+        (
+            "camera/test_events.py::test_the_mean_of_the_leaks_is_the_stated_rate_however_much_pixels_differ",
+            "camera/test_events.py::test_leaks_are_log_normal_over_the_pixels",
+        ),
+    ),
     "rolling skew reversed": Fault(
         "A rolling shutter begins with the last row.",
         (
@@ -410,6 +434,23 @@ FAULTS = {
         (
             "camera/test_frames.py::test_photon_transfer_is_that_of_shot_read_and_quantisation_noise",
             f"{EACH_LAW}[frames_photon_transfer]",
+        ),
+    ),
+    "black level forgotten": Fault(
+        "A frame camera reads 0 without light, so that read noise is cut off there.",
+        (Change("camera.frames.camera", "float(sensor.black_level_dn)", "0.0"),),
+        (
+            "camera/test_frames.py::test_noise_in_the_dark_is_about_the_black_level_and_not_cut_off",
+            "camera/test_frames.py::test_photon_transfer_is_that_of_shot_read_and_quantisation_noise",
+            f"{EACH_LAW}[frames_dark]",
+        ),
+    ),
+    "black level left in": Fault(
+        "What measures get of a frame camera still holds its black level, as if it were light.",
+        (Change("stream.frame_file", "return np.maximum(frames, black) - black", "return frames"),),
+        (
+            "stack/test_frame_capture.py::test_windows_are_of_the_light_above_the_black_level_that_the_file_keeps",
+            "stack/test_frame_capture.py::test_a_frame_holds_the_light_of_its_exposure",
         ),
     ),
     "import flipped": Fault(

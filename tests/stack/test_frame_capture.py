@@ -102,7 +102,35 @@ def test_the_exposure_fills_half_of_the_well_of_the_target(dataset, tmp_path):
     record(dataset, NAMES[0], tmp_path / "frames.h5", share=0.4, full_well_e=1e5)
     with open_recording(tmp_path / "frames.h5") as held:
         best = held.counts(round(held.truth.frame), round(held.truth.frame) + 1)
-        assert best[held.truth.target].mean() == pytest.approx(0.4 * 65_535, rel=0.03)
+        assert best[held.truth.target].mean() == pytest.approx(0.4 * (65_535 - 240), rel=0.03)
+
+
+def test_windows_are_of_the_light_above_the_black_level_that_the_file_keeps(dataset, tmp_path, call):
+    """What a measure that divides by the mean gives in changing light would else depend on the black level."""
+    light = {}
+    for black in (0, 240, 3000):
+        path = tmp_path / f"{black}.h5"
+        record(dataset, NAMES[1], path, black_level_dn=black, full_well_e=1e6 * (65_535 - black) / 65_535)
+        with saf_gen.open_frames(path) as held:
+            assert held.black_level_dn == black
+            numbers, light[black] = held.frames(3, 8), held.counts(3, 8)
+            assert numbers.min() >= black
+            np.testing.assert_array_equal(light[black], (numbers.astype(int) - black).sum(axis=0))
+        code, output, _ = call("inspect", path)
+        assert (code, f"black level {black}," in " ".join(output.split())) == (0, True)
+    np.testing.assert_allclose(light[240].astype(int), light[0].astype(int), atol=5)
+    np.testing.assert_allclose(light[3000].astype(int), light[0].astype(int), atol=5)
+
+
+def test_a_number_below_the_black_level_counts_as_no_light(dataset, tmp_path):
+    dim = {"noise": QUIET | {"read": True}, "full_well_e": 1e7, "read_noise_e": 1e4, "black_level_dn": 30}
+    record(dataset, NAMES[0], tmp_path / "dim.h5", exposure_s=2e-6, **dim)
+    with saf_gen.open_frames(tmp_path / "dim.h5") as held:
+        numbers = held.frames(0, 20).astype(int)
+        assert (numbers < 30).mean() > 0.1
+        np.testing.assert_array_equal(held.counts(0, 20), np.maximum(numbers - 30, 0).sum(axis=0))
+        parts = sum(held.counts(first, first + 5).astype(int) for first in range(0, 20, 5))
+        np.testing.assert_array_equal(parts, held.counts(0, 20))
 
 
 def test_the_command_makes_a_dataset_that_is_judged_resumes_and_repairs(dataset, tmp_path, call):
@@ -157,7 +185,10 @@ def test_frames_are_viewed_one_by_one(dataset, tmp_path, call, readable_figures)
     ("change", "words"),
     [
         (lambda file: file.attrs.update(format="another"), "format is 'another'"),
-        (lambda file: file.attrs.update(layout=2), "layout version is"),
+        (lambda file: file.attrs.update(layout=1), "layout version is"),
+        (lambda file: file.attrs.pop("black_level_dn"), "black level"),
+        (lambda file: file.attrs.update(black_level_dn=-1), "black level"),
+        (lambda file: file.attrs.update(black_level_dn=0.5), "black level"),
         (lambda file: file.attrs.pop("readout_hz"), "frames per second"),
         (lambda file: file.attrs.update(readout_hz=-1.0), "frames per second"),
         (lambda file: file.create_dataset("more", data=1), "more"),
@@ -180,6 +211,11 @@ def test_a_changed_number_is_found(dataset, tmp_path):
     record(dataset, NAMES[0], tmp_path / "frames.h5")
     with h5py.File(tmp_path / "frames.h5", "r+") as file:
         file["frames"][3, 5, 7] ^= 1
+    with saf_gen.open_frames(tmp_path / "frames.h5") as held:
+        refusal(held.verify)
+    with h5py.File(tmp_path / "frames.h5", "r+") as file:
+        file["frames"][3, 5, 7] ^= 1
+        file.attrs["black_level_dn"] = 239
     with saf_gen.open_frames(tmp_path / "frames.h5") as held:
         refusal(held.verify)
     assert "saf_gen.open_frames" in str(refusal(saf_gen.open_stream, tmp_path / "frames.h5"))

@@ -9,6 +9,7 @@ from small_dataset import make_sequence
 
 import saf_gen
 from saf_gen.camera import Encoder, get_sensor
+from saf_gen.camera.spad import SpadCamera
 from saf_gen.generate.record import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
@@ -123,6 +124,36 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
             got = np.tensordot(weights[t], pictures, 1)
             wanted = np.tensordot(gain[begin + t], charge_source.charge_image(begin + t, SWEEP[begin + t]), 1)
             assert got == pytest.approx(wanted, rel=1e-5)
+
+
+@pytest.mark.parametrize("step", [8, 24, 80, 312])
+@pytest.mark.parametrize("hz", [311, 1_000, 16_000, 48_500, 50_000, 97_700])
+def test_a_camera_of_any_rate_records_slices_of_any_rate(step, hz):
+    """All but the last call are whole bytes, and each readout gets its own picture, whichever stacks share its byte."""
+    spike_frames = 1600
+    spike_starts = tuple(range(0, spike_frames + step, step))
+    swing = 0.5 + 0.5 * np.sin(np.arange(spike_frames) / 90)
+    made = stacks(swing, spike_starts, (0.5,) * len(spike_starts))
+    starts = tuple(round(frame * hz / 20_000) for frame in spike_starts)
+    frames = int(spike_frames * hz / 20_000)
+    charge_source = ChargeSource(plane_source(made, starts), SENSOR)
+    position = np.interp((np.arange(frames) + 0.5) * 20_000 / hz - 0.5, np.arange(spike_frames), swing)
+    gain = np.stack([np.linspace(1, 2, frames), np.linspace(1, 0, frames)], axis=1)
+    array = SpadCamera(get_sensor("swissspad3", kind="photons", readout_hz=hz, exposure_s=1e-5), (6, 8), seed=3)
+    done = 0
+    for run in charge_source.time_stack.split_at_slices(0, frames):
+        assert run.begin == done
+        inputs = charge_source.encoder_inputs(run, position=position, gain=gain)
+        array.encode(**inputs)  # refuses to go on within a byte
+        done = run.end
+        stack, index, fraction, weights = inputs.values()
+        for t in range(run.end - run.begin):
+            after = stack[:, min(index[t] + 1, stack.shape[1] - 1)]
+            got = np.tensordot(weights[t], (1 - fraction[t]) * stack[:, index[t]] + fraction[t] * after, 1)
+            at = run.begin + t
+            wanted = np.tensordot(gain[at], charge_source.charge_image(at, position[at]), 1)
+            assert got == pytest.approx(wanted, rel=1e-4)
+    assert done == frames
 
 
 def counted(made):

@@ -10,7 +10,7 @@ LIMITS = (100, 600, 3_000, 6_000, 20_000, 40_000, 60_000)
 WRITE = {
     "frames": """
 frames = (random.integers(0, 4096, (40, 60), np.uint16) for _ in range(60))
-write_frames(path, frames, shape=(60, 40, 60), readout_hz=500, metadata=metadata)
+write_frames(path, frames, shape=(60, 40, 60), readout_hz=500, black_level_dn=240, metadata=metadata)
 """,
     "events": """
 n = 60_000

@@ -12,6 +12,7 @@ from saf_gen.errors import BadInput
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.frame_capture import expose_light, row_starts_s
+from saf_gen.stream.frame_file import above_black
 
 
 class CapturedExposures:
@@ -73,8 +74,12 @@ class CapturedExposures:
         self.frames = stop
 
     def window(self, first: int, stop: int) -> np.ndarray:
-        """Return the sum of frames ``first <= t < stop``, which must be there already: uint32 (h, w)."""
-        total: np.ndarray = self._numbers[first:stop].sum(axis=0, dtype=np.uint32)
+        """Return the sum of the light of frames ``first <= t < stop``, which must be there already: uint32 (h, w).
+
+        It is that of :meth:`saf_gen.stream.frame_file.FrameFile.counts`, levels above the black level.
+        """
+        light = above_black(self._numbers[first:stop], self._sensor.black_level_dn)
+        total: np.ndarray = light.sum(axis=0, dtype=np.uint32)
         return total
 
     def intervals(self, first: int, stop: int) -> NoReturn:

@@ -80,7 +80,8 @@ class EventSensor:
     refractory_s : float
         Time in reset after an event, seconds.
     leak_hz : float
-        Mean rate of events of a pixel in constant light, because its stored level drifts, hertz.
+        Mean rate of events of a pixel in constant light, because its stored level drifts, hertz. It does not grow with
+        the light, as it does in real pixels.
     leak_log_sd : float
         Standard deviation of the natural logarithm of that rate over the pixels.
     shot_hz : float

@@ -49,7 +49,8 @@ class FrameCamera:
         """Return the numbers that are read out of a frame.
 
         A pixel holds as many electrons as came, Poisson about charge·response + dark, up to its full well; the reading
-        is off by the read noise, and is the nearest number of electrons per level, from 0 to the largest.
+        is off by the read noise, and is the nearest number of electrons per level above the black level, from 0 to the
+        largest number.
 
         Parameters
         ----------
@@ -77,7 +78,7 @@ class FrameCamera:
         read_out(
             charge.ravel(), self._response.ravel(), self._dark.ravel(),
             derive_seed("frames", self._seed, f"frame {frame}"), sensor.noise.shot, float(sensor.full_well_e),
-            float(sensor.noise.read * sensor.read_noise_e), sensor.electrons_per_level, float(sensor.levels),
-            out.reshape(-1)
+            float(sensor.noise.read * sensor.read_noise_e), sensor.electrons_per_level, float(sensor.black_level_dn),
+            float(sensor.levels), out.reshape(-1)
         )  # fmt: skip
         return out

@@ -152,7 +152,7 @@ def draw_poisson(mean: Any, state: Any) -> Any:
 @compiled_unchecked
 def read_out(
     charge: Any, response: Any, dark: Any, key: Any, shot: Any, full_well: Any, read_noise: Any, per_level: Any,
-    levels: Any, out: Any
+    black: Any, levels: Any, out: Any
 ) -> Any:  # fmt: skip
     """Read a frame.
 
@@ -166,8 +166,8 @@ def read_out(
         Whether electrons come at random.
     full_well, read_noise, per_level : float
         Electrons that a pixel holds, rms of a reading, and electrons per level.
-    levels : float
-        Largest number.
+    black, levels : float
+        Number of a pixel without charge, and the largest number.
     out : ndarray of uint16, shape (P,)
         Receives the numbers.
     """
@@ -180,7 +180,7 @@ def read_out(
         if read_noise > 0.0:
             off, state = draw_normal(state)
             electrons += off * read_noise
-        out[pixel] = np.uint16(min(max(np.rint(electrons / per_level), 0.0), levels))
+        out[pixel] = np.uint16(min(max(np.rint(electrons / per_level) + black, 0.0), levels))
 
 
 @compiled_unchecked

@@ -74,6 +74,9 @@ class FrameSensor(ExposedSensor):
         Rms of a reading, electrons.
     bits : int
         Bits of a number that is read out.
+    black_level_dn : int
+        Number that a pixel without charge reads on average (the offset of EMVA 1288), so that the read noise is not cut
+        off at 0; below the largest number.
     dark_e_per_s : float
         Mean dark current over the pixels, electrons per second.
     dark_log_sd : float
@@ -112,6 +115,7 @@ class FrameSensor(ExposedSensor):
     full_well_e: Annotated[float, between(10, 1e7, unit="electrons")]
     read_noise_e: Annotated[float, between(0, 1e4, unit="electrons")]
     bits: Annotated[int, between(1, 16, unit="bits", integer=True)]
+    black_level_dn: Annotated[int, between(0, 2**16 - 2, unit="(number that is read out)", integer=True)]
     dark_e_per_s: Annotated[float, between(0, 1e6, unit="electrons per second")]
     dark_log_sd: Annotated[float, between(0, 2, unit="(standard deviation of the natural logarithm)")]
     dark_hot_fraction: Annotated[float, between(0, 0.1, unit="of all pixels")]
@@ -131,6 +135,12 @@ class FrameSensor(ExposedSensor):
                 where=f"sensor {self.name}",
                 allowed="0 with global, above 0 with rolling",
             )
+        if self.black_level_dn >= self.levels:
+            raise BadInput(
+                f"black_level_dn is {self.black_level_dn} with {self.bits} bits",
+                where=f"sensor {self.name}",
+                allowed=f"0 to {self.levels - 1}, below the largest number",
+            )
 
     @property
     def levels(self) -> int:
@@ -139,8 +149,8 @@ class FrameSensor(ExposedSensor):
 
     @property
     def electrons_per_level(self) -> float:
-        """Electrons by which a number rises by one."""
-        return self.full_well_e / self.levels
+        """Electrons by which a number rises by one: from the black level to the largest number, the well fills."""
+        return self.full_well_e / (self.levels - self.black_level_dn)
 
     @property
     def mean_dark_e(self) -> float:

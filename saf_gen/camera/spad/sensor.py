@@ -67,11 +67,14 @@ class SpadSensor(ExposedSensor):
         The single wavelength at which light is detected, metres.
     recharge : str
         ``clocked`` if all pixels are recharged at the beginning of a frame, and only then: a pixel detects one photon
-        per frame. ``passive`` if each pixel recharges itself after ``dead_time_s``.
+        per frame. ``passive`` if each pixel recharges itself after ``dead_time_s``, which a photon that comes while it
+        is blind does not prolong: such a detector is called non-paralysable. Circuits with passive recharge are often
+        paralysable in bright light, which is not modelled.
     dead_time_s : float
         Time for which a pixel is blind after an avalanche, seconds, with ``passive``.
     dark_hz : float
-        Mean rate of dark counts over the pixels, hertz.
+        Mean rate of dark counts over the pixels, hot ones included, hertz. Makers state the median, which is lower, by
+        a factor of 2.3 with the spread and the hot pixels of the arrays that come with saf_gen.
     dark_log_sd : float
         Standard deviation of the natural logarithm of that rate over the pixels.
     dark_hot_fraction : float
