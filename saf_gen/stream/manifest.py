@@ -191,6 +191,10 @@ def parse_manifest(text: str, path: str | Path) -> Manifest:
     for i, entry in enumerate(manifest.sequences):
         if not _is_inside(entry.file):
             raise _outside(entry, document.locate("sequences", i, "file"))
+        for key, value in (("id", entry.id), ("split", entry.split)):
+            if not _is_inside(value) or "/" in value:  # other cameras and kept counts name files by them
+                where = document.locate("sequences", i, key)
+                raise BadInput(f"the {key} {value!r}", where=where, allowed="a name without / and \\")
     for name, count in Counter(entry.id for entry in manifest.sequences).items():
         if count > 1:
             raise BadInput(f"the id {name!r} occurs {count} times", where=str(path), allowed="each id once")

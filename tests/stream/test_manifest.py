@@ -98,6 +98,9 @@ def test_a_file_that_is_not_a_manifest_is_refused(tmp_path, text, problem):
         (lambda d: d["sequences"][0].update(frames=True), ["sequences.0.frames is True", "integer"]),
         (lambda d: d["sequences"][0].update(id="a-2"), ["'a-2'", "each id once"]),
         (lambda d: d["sequences"][0].update(file="../x.h5"), ["inside the dataset folder"]),
+        (lambda d: d["sequences"][0].update(id="../../x"), ["the id '../../x'", "a name without /"]),
+        (lambda d: d["sequences"][0].update(id=""), ["the id ''"]),
+        (lambda d: d["sequences"][0].update(split=".."), ["the split '..'", "a name without /"]),
         (lambda d: d["sequences"][0].update(file="/x.h5"), ["inside the dataset folder"]),
     ],
 )
