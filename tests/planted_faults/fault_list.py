@@ -519,8 +519,8 @@ FAULTS = {
         (
             Change(
                 "stack.time_resolved",
-                "return (np.arange(run.begin, run.end) + 0.5 - first) /",
-                "return 1 - (np.arange(run.begin, run.end) + 0.5 - first) /",
+                "later = (frames + 0.5 - starts[before]) /",
+                "later = 1 - (frames + 0.5 - starts[before]) /",
             ),
         ),
         (
