@@ -43,7 +43,7 @@ def write(kind, path):
         write_events(path, light)
     elif kind == "frames":
         frames = (4000 * rate).astype(np.uint16)
-        write_frames(path, iter(frames), shape=SHAPE, readout_hz=HZ, metadata=Metadata(**METADATA))
+        write_frames(path, iter(frames), shape=SHAPE, readout_hz=HZ, black_level_dn=0, metadata=Metadata(**METADATA))
     else:
         write_stream(path, light, readout_hz=HZ, kind=kind, **METADATA)
     return path

@@ -177,7 +177,7 @@ def test_frames_are_viewed_one_by_one(dataset, tmp_path, call, readable_figures)
     assert "levels per frame" in (tmp_path / "view.html").read_text()
     for kind in ("tfi", "spikes"):
         code, _, error = call("view", tmp_path / "frames.h5", "--as", kind, "--out", tmp_path / "none.png")
-        assert (code, "of a recording of levels" in error, len(error.splitlines())) == (2, True, 1)
+        assert (code, "of a recording of frames" in error, len(error.splitlines())) == (2, True, 1)
     assert not (tmp_path / "none.png").exists()
 
 
