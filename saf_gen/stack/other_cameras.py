@@ -26,7 +26,7 @@ from saf_gen.stack.frame_capture import frames_fingerprint, record_frames
 from saf_gen.stack.recapture import recapture_fingerprint, record_photons
 from saf_gen.stream import frame_file
 from saf_gen.stream.event_file import FINGERPRINT, check_replaceable, intact_digest, open_events
-from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, write_manifest
+from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, stem_of, write_manifest
 from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, stated_licences, write_croissant
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
@@ -81,7 +81,7 @@ class OtherCamera(ABC):
             raise BadInput(f"{target} holds the dataset {held.name!r}", allowed=name, hint="choose another --out")
         entries = []
         for entry in manifest.sequences:
-            file = f"{entry.split}/{entry.id}.h5"
+            file = f"{stem_of(entry, where=str(dataset))}.h5"
             if found := self.recorded(target / file, entry.content_sha256):
                 frames, content, fingerprint = found
                 entries.append(
@@ -145,7 +145,7 @@ def recapture(
     """
     if target.resolve() == dataset.resolve():
         raise BadInput(f"--out is the dataset itself, {dataset}", allowed="another folder")
-    paths = {entry.id: target / entry.split / f"{entry.id}.h5" for entry in entries}
+    paths = {entry.id: target / f"{stem_of(entry, where=str(dataset))}.h5" for entry in entries}
     for path in paths.values():
         camera.check_replaceable(path)
     made, kept, failed = 0, 0, {}

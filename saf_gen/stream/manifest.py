@@ -191,10 +191,6 @@ def parse_manifest(text: str, path: str | Path) -> Manifest:
     for i, entry in enumerate(manifest.sequences):
         if not _is_inside(entry.file):
             raise _outside(entry, document.locate("sequences", i, "file"))
-        for key, value in (("id", entry.id), ("split", entry.split)):
-            if not _is_inside(value) or "/" in value:  # other cameras and kept counts name files by them
-                where = document.locate("sequences", i, key)
-                raise BadInput(f"the {key} {value!r}", where=where, allowed="a name without / and \\")
     for name, count in Counter(entry.id for entry in manifest.sequences).items():
         if count > 1:
             raise BadInput(f"the id {name!r} occurs {count} times", where=str(path), allowed="each id once")
@@ -269,6 +265,14 @@ def is_own_file(folder: Path, file: str) -> bool:
     path = folder / file
     way = [path, *path.parents][: len(PurePosixPath(file).parts)]
     return path.is_file() and not any(part.is_symlink() for part in way)
+
+
+def stem_of(entry: SequenceEntry, *, where: str) -> str:
+    """Return SPLIT/ID of a sequence, by which files of it are named; raise BadInput if one of them is a path itself."""
+    for key, name in (("id", entry.id), ("split", entry.split)):
+        if not _is_inside(name) or "/" in name:
+            raise BadInput(f"the {key} {name!r}", where=where, allowed="a name without / and \\")
+    return f"{entry.split}/{entry.id}"
 
 
 def _is_inside(file: str) -> bool:

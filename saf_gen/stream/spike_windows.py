@@ -19,7 +19,14 @@ import numpy as np
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.count_cache import KeptCounts, counts_dtype
-from saf_gen.stream.manifest import SequenceEntry, check_content, check_entry, check_single_split, read_manifest
+from saf_gen.stream.manifest import (
+    SequenceEntry,
+    check_content,
+    check_entry,
+    check_single_split,
+    read_manifest,
+    stem_of,
+)
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 COUNTS_FOLDER = "counts"
@@ -175,6 +182,7 @@ class SpikeWindows:
         box = self._box(stream)
         sides = [[side.start, side.stop] for side in box]
         key = json.dumps([stream.content_sha256, self.window, self.stride, sides])
+        stem_of(entry, where=str(stream.path))
         path = self.counts / f"{entry.id}-{hashlib.sha256(key.encode()).hexdigest()[:12]}.npy"
         kept = KeptCounts(path, (len(firsts), *region_shape(box)), counts_dtype(self.window), key)
         if not kept.is_there():
