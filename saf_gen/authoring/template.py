@@ -22,7 +22,6 @@ from saf_gen.scene.xml import SceneXml, read_scene_xml
 if TYPE_CHECKING:
     from saf_gen.render.exported_camera import ExportedCamera
 
-TEMPLATE_KINDS = ("script", "xml")
 _TEMPLATES = Path(__file__).parent / "templates"
 NAME = re.compile(r"[a-z0-9][a-z0-9_]*")
 RESERVED_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")

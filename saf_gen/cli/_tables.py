@@ -1,7 +1,6 @@
 """Tables that fit the width: prose is folded, then columns are left out, but names and figures are never cut."""
 
 import json
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
@@ -86,11 +85,6 @@ def print_names(methods: Iterable[str]) -> None:
 def to_objects(table: Table) -> list[dict[str, str]]:
     """Return the texts of each row for JSON, by the headings with _ instead of blanks."""
     return [{c.header.replace(" ", "_"): c.text(row) for c in table.shown} for row in table.rows]
-
-
-def finite_value(value: float) -> float | None:
-    """Return a value for JSON, with None for infinite values and NaN."""
-    return value if math.isfinite(value) else None
 
 
 def print_json(document: Any, path: Path | None = None) -> None:

@@ -166,6 +166,8 @@ def load(reader: Callable[..., dict[str, Any]], data: bytes, *, path: Path, **ho
             warnings.filterwarnings("error", "string or file could not be read to its end")  # numpy's for bad numbers
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             return reader(io.BytesIO(data), **how)
+    except MemoryError:  # is no damage of the file
+        raise
     except Exception as error:  # an untrusted file, read by a library that may raise any exception
         why = f"{type(error).__name__}: {' '.join(str(error).split()) or 'it is not complete'}"
         raise BadInput(f"the mesh is damaged: {why}", where=str(path), hint="export or download it again") from error
@@ -235,6 +237,8 @@ class Pictures:
                     warnings.simplefilter("error", Image.DecompressionBombWarning)
                     warnings.simplefilter("ignore", UserWarning)  # about metadata
                     self._known[key] = _decode(opened(), most=left)
+            except MemoryError:
+                raise
             except Exception as error:  # an untrusted picture, read by a library that may raise any exception
                 unknown = isinstance(error, UnidentifiedImageError)  # its message names the object in memory
                 reason = "it is no picture" if unknown else " ".join(str(error).split())

@@ -44,11 +44,6 @@ class Readouts:
         """The same, or None if no readout is lost, so that they follow each other."""
         return None if (np.diff(self.of_kept) == 1).all() else self.of_kept
 
-    @property
-    def are_usual(self) -> bool:
-        """True if no readout is lost or doubled."""
-        return bool((np.diff(self.number) == 1).all())
-
     def at(self, frame: np.ndarray) -> np.ndarray:
         """Return the readout, possibly fractional, at a possibly fractional frame of the file."""
         inside = np.interp(frame, np.arange(self.number.size), self.number)
