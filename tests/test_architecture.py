@@ -51,7 +51,7 @@ IMPORTERS = {
     "gymnasium": ["benchmark.gym"],
     "torch": ["torch"],
     "onnxruntime": ["core.onnx_network"],
-    "yaml": ["core.config.yaml_document", "generate.run", "stack.frame_capture", "stack.recapture"],
+    "yaml": ["core.config.yaml_document", "generate.run", "stack.recapture"],
 }
 """Heavy dependencies, and the only folders or modules that import them."""
 

@@ -1,18 +1,16 @@
 """Cameras: sensors, the charge that they collect from light, and what they read out."""
 
-from saf_gen.camera.bit_cameras import BitSensor, CountingSensor, parse_sensor, start_camera
 from saf_gen.camera.course import LightCourse
 from saf_gen.camera.encoder import Encoder, encode, knot_weights
 from saf_gen.camera.encoder_kernel import LANES
 from saf_gen.camera.exposure import charge_of_images, electrons_per_irradiance, exposure_scale
 from saf_gen.camera.fixed_pattern import draw_fixed_pattern
+from saf_gen.camera.kinds import parse_sensor
 from saf_gen.camera.sensor import Sensor
 from saf_gen.camera.sensor_files import get_sensor, sensor_names
 
 __all__ = [
     "LANES",
-    "BitSensor",
-    "CountingSensor",
     "Encoder",
     "LightCourse",
     "Sensor",
@@ -25,5 +23,4 @@ __all__ = [
     "knot_weights",
     "parse_sensor",
     "sensor_names",
-    "start_camera",
 ]

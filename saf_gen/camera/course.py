@@ -95,6 +95,17 @@ class LightCourse:
             raise BadInput(f"a gain falls to {gain.min():.3g}", allowed="gains of 0 or more")
         return cls(edges, index, fraction, np.maximum(gain, 0.0))
 
+    @classmethod
+    def joined(cls, courses: "Sequence[LightCourse]") -> "LightCourse":
+        """Return the course of consecutive courses."""
+
+        def edges(name: str) -> np.ndarray:
+            parts = [getattr(course, name) for course in courses]
+            return np.concatenate([*(part[:-1] for part in parts), parts[-1][-1:]])
+
+        gain = np.concatenate([course.gain for course in courses])
+        return cls(edges("seconds"), edges("index"), edges("fraction"), gain)
+
     def block(self, begin: int, end: int) -> "LightCourse":
         """Return the cells ``begin`` to ``end``, the latter not included."""
         edges = slice(begin, end + 1)

@@ -30,6 +30,7 @@ from math import gcd
 
 import numpy as np
 
+from saf_gen.camera.camera import BitCamera
 from saf_gen.camera.encoder_kernel import BLOCK_KEY_STEP, LANES, NOISE_TABLE_SIZE, advance_pixels, make_noise_table
 from saf_gen.camera.fixed_pattern import FixedPattern, draw_fixed_pattern
 from saf_gen.camera.sensor import Sensor
@@ -85,7 +86,7 @@ def knot_weights(position: np.ndarray, knots: int) -> tuple[np.ndarray, np.ndarr
     return index, knot - index
 
 
-class Encoder:
+class Encoder(BitCamera):
     """A spike camera that records block after block of time and keeps the state of every pixel in between.
 
     The spikes depend neither on the division into blocks nor on the number of threads. Memory does not grow with the
@@ -112,6 +113,8 @@ class Encoder:
         If ``shape`` is not two numbers of at least 1, or ``rows`` is empty or begins at a row that does not begin a
         block of 64 pixels; the message gives the allowed first rows.
     """
+
+    sensor_type = Sensor
 
     def __init__(
         self,

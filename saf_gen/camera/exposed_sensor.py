@@ -1,10 +1,12 @@
 """What single-photon arrays and frame cameras have in common: they are exposed once in each frame."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from saf_gen.camera.camera import Readouts
 from saf_gen.camera.sensor import Sensor, SpectralCurve, spectral_response
 from saf_gen.core.config.presets import change_fields
 from saf_gen.errors import BadInput
@@ -22,7 +24,10 @@ class ExposedSensor:
     """
 
     kind: ClassVar[str]
+    switched: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     name: str
+    rows: int
+    columns: int
     readout_hz: float
     exposure_s: float
     shortest_exposure_s: float
@@ -66,3 +71,18 @@ class ExposedSensor:
         What differs is then what a pixel makes of it.
         """
         return replace(self, **{name: getattr(sensor, name) for name in OF_PLACE})  # type: ignore[type-var]
+
+    def exposed_for(self, electrons_per_s: np.ndarray) -> Self:
+        """Return a copy with the exposure that suits pixels in this light, (n,): by default that of the sensor."""
+        return self
+
+    def readouts(self, seconds: float) -> Readouts:
+        """Return the whole frames of a recording; a frame is said to have been taken in the middle of its time.
+
+        Raises BadInput if the recording is shorter than a frame.
+        """
+        hz = self.readout_hz
+        frames = int(seconds * hz + 1e-9)
+        if frames < 1:
+            raise BadInput(f"the sequence lasts {seconds:g} s", allowed="at least a frame")
+        return Readouts(frames, hz, min(self.exposure_s * hz, 1.0) / hz, np.zeros(1), 0.5 / hz)

@@ -68,6 +68,10 @@ class Pixels(Protocol):
         """The single wavelength at which light is converted, metres."""
         ...
 
+    def spectral_response(self) -> np.ndarray:
+        """Return what is detected per joule and nanometre, as :meth:`saf_gen.camera.Sensor.spectral_response`."""
+        ...
+
 
 def irradiance_ratio(
     shape: tuple[int, int],

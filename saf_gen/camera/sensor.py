@@ -1,5 +1,6 @@
 """Spike-camera sensors: the values in a sensor file, immutable."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from functools import lru_cache
 from itertools import pairwise
@@ -204,6 +205,13 @@ class Sensor:
     """
 
     kind: ClassVar[str] = "spikes"
+    switched: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "dark": ("dark_rate",),
+        "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
+        "threshold_spread": ("threshold_spread_rms",),
+        "threshold_noise": ("threshold_noise_rms",),
+        "reset_jitter": ("reset_jitter",),
+    }
     name: Text
     rows: PixelCount
     columns: PixelCount

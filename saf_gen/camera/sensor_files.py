@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import cache, partial
-from importlib import import_module
 from math import exp, log
 from pathlib import Path
 from typing import Any, Literal, overload
@@ -16,19 +15,13 @@ from typing import Any, Literal, overload
 from scipy.special import ndtr
 
 from saf_gen.camera.exposure import electrons_per_irradiance
+from saf_gen.camera.kinds import camera_type, kinds_of_cameras
 from saf_gen.camera.sensor import Sensor
 from saf_gen.core.config.document import Document, read_text, validate_document
 from saf_gen.core.config.presets import Presets, is_preset_file
 from saf_gen.core.config.yaml_document import MAX_YAML_BYTES, parse_yaml
 from saf_gen.errors import BadInput, closest, unknown
 
-KINDS = {
-    "spikes": "saf_gen.camera.sensor:Sensor",
-    "photons": "saf_gen.camera.spad.sensor:SpadSensor",
-    "frames": "saf_gen.camera.frames.sensor:FrameSensor",
-    "events": "saf_gen.camera.events.sensor:EventSensor",
-}
-"""By ``kind`` of a sensor file, which is what the camera reads out: the class of its sensors, imported on first use."""
 FOLDER = Path(__file__).parent / "sensors"
 
 _NOMINAL = re.compile(r"^(\w+):[^#\n]*#[^\n]*\b(assumed|derived|nominal)\b", re.MULTILINE)
@@ -53,38 +46,11 @@ _USUAL_OF_SPIKES = _USUAL | {
     "reset_loss": (100, 0, 10, "% of the next readout"),
 }
 """By key: factor to the displayed unit, ends of the usual range in that unit, and the unit."""
-_SWITCHED: dict[str, dict[str, tuple[str, ...]]] = {
-    "spikes": {
-        "dark": ("dark_rate",),
-        "response": ("response_column_rms", "response_row_rms", "response_white_rms"),
-        "threshold_spread": ("threshold_spread_rms",),
-        "threshold_noise": ("threshold_noise_rms",),
-        "reset_jitter": ("reset_jitter",),
-    },
-    "photons": {"dark": ("dark_hz",), "response": ("response_rms",), "afterpulsing": ("afterpulse",)},
-    "frames": {"read": ("read_noise_e",), "dark": ("dark_e_per_s",), "response": ("response_rms",)},
-    "events": {
-        "mismatch": ("threshold_rms", "leak_log_sd"),
-        "bandwidth": ("receptor_e", "receptor_s"),
-        "refractory": ("refractory_s",),
-        "leak": ("leak_hz",),
-        "shot": ("shot_hz",),
-        "hot": ("hot_fraction",),
-    },
-}
-"""By kind and noise switch: the keys that have an effect only if it is on."""
-
-
-def sensor_model(kind: str) -> type[Any]:
-    """Return the class of the sensors of a kind."""
-    module, _, name = KINDS[kind].partition(":")
-    model: type[Any] = getattr(import_module(module), name)
-    return model
 
 
 def sensor_names(*kinds: str) -> list[str]:
     """Return the names of the sensors that come with saf_gen, sorted: those of these kinds, or all."""
-    names = _presets(tuple(KINDS)).names()
+    names = _presets(kinds_of_cameras()).names()
     return [name for name in names if _shipped(name).kind in kinds] if kinds else names
 
 
@@ -124,14 +90,14 @@ def get_sensor(name: str | Path, *, kind: str = "spikes", **changes: Any) -> Any
     return read_sensor(name, kinds=(kind,), **changes)
 
 
-def read_sensor(name: str | Path, *, kinds: Sequence[str] = tuple(KINDS), **changes: Any) -> Any:
-    """Return a sensor of any of these kinds, as :func:`get_sensor` does; its ``kind`` says which.
+def read_sensor(name: str | Path, *, kinds: Sequence[str] = (), **changes: Any) -> Any:
+    """Return a sensor of one of these kinds, or of any, as :func:`get_sensor` does; its ``kind`` says which.
 
     Raises BadInput as that does.
     """
     if not is_preset_file(name) and str(name) not in sensor_names():
         raise unknown("sensor", name, allowed=sensor_names(*kinds), hint="or give the path of a .yaml file")
-    return _presets(tuple(kinds)).get(name, changes)
+    return _presets(tuple(kinds) or kinds_of_cameras()).get(name, changes)
 
 
 def sensor_text(name: str | Path) -> str:
@@ -143,7 +109,7 @@ def sensor_text(name: str | Path) -> str:
         read_sensor(name)
         return read_text(FOLDER / f"{name}.yaml")
     text = read_text(Path(name), max_bytes=MAX_YAML_BYTES)
-    _parse(parse_yaml(text, name), tuple(KINDS))
+    _parse(parse_yaml(text, name), kinds_of_cameras())
     return text
 
 
@@ -154,25 +120,25 @@ def _presets(kinds: tuple[str, ...]) -> Presets[Any]:
 
 @cache
 def _shipped(name: str) -> Any:
-    return _presets(tuple(KINDS)).get(name, {})
+    return _presets(kinds_of_cameras()).get(name, {})
 
 
 def _parse(document: Document, kinds: tuple[str, ...]) -> Any:
     """Return the sensor in a file; raise BadInput if it is not valid or of another kind than these."""
     data = document.data
     if not isinstance(data, dict) or "kind" not in data:
-        raise BadInput("the key 'kind' is missing", where=document.locate(), allowed=", ".join(KINDS))
+        raise BadInput("the key 'kind' is missing", where=document.locate(), allowed=", ".join(kinds_of_cameras()))
     kind, where = data["kind"], document.locate("kind")
-    if kind not in tuple(KINDS):
-        allowed = ", ".join(KINDS)
-        raise BadInput(f"kind is {kind!r:.200}", where=where, allowed=allowed, nearest=closest(kind, list(KINDS)))
+    if kind not in (known := kinds_of_cameras()):
+        nearest = closest(kind, list(known))
+        raise BadInput(f"kind is {kind!r:.200}", where=where, allowed=", ".join(known), nearest=nearest)
     if kind not in kinds:
         allowed = "; ".join(f"{kind} ({', '.join(sensor_names(kind))})" for kind in kinds)
         shipped = document.path.parent == FOLDER
         problem = f"the sensor {document.path.stem} is of kind {kind}" if shipped else f"kind is {kind!r}"
         nearest = closest(document.path.stem, sensor_names(*kinds)) if shipped else ""
         raise BadInput(problem, where="" if shipped else where, allowed=allowed, nearest=nearest)
-    return validate_document(sensor_model(kind), document.without("kind"))
+    return validate_document(camera_type(kind).sensor_type, document.without("kind"))
 
 
 def nominal_keys(text: str) -> list[str]:
@@ -191,11 +157,12 @@ def nominal_keys(text: str) -> list[str]:
 def implausible_keys(sensor: Any) -> Iterator[str]:
     """Yield a line for each value of a sensor that is allowed but unusual, and for each that has no effect."""
     spikes, values = isinstance(sensor, Sensor), asdict(sensor)
-    for key, (factor, low, high, unit) in (_USUAL_OF_SPIKES if spikes else _USUAL_OF_OTHERS).items():
+    usual = _USUAL_OF_SPIKES if spikes else {key: _USUAL_OF_OTHERS[key] for key in _USUAL_OF_OTHERS if key in values}
+    for key, (factor, low, high, unit) in usual.items():
         shown = values[key] * factor
         if not low <= shown <= high:
             yield f"{key} is {' '.join(filter(None, (f'{shown:.4g}', unit)))}; usual: {low:g} to {high:g}"
-    for switch, keys in _SWITCHED[sensor.kind].items():
+    for switch, keys in sensor.switched.items():
         on, some = getattr(sensor.noise, switch), any(values[key] > 0 for key in keys)
         if on and not some:
             yield f"noise.{switch} is on, but {' and '.join(keys)} {'is' if len(keys) == 1 else 'are'} 0"

@@ -131,7 +131,7 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
 
 def _record_again(plan: "Plan") -> None:
     """Record the dataset with the other cameras of its recipe, or say how that is done where it is not complete."""
-    from saf_gen.stack.other_cameras import CAMERAS
+    from saf_gen.stack.recapture import CAMERAS
     from saf_gen.stream.manifest import read_manifest
 
     for camera in plan.resolved.others:

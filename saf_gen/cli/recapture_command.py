@@ -11,7 +11,7 @@ from saf_gen.core.plain_text import plural
 from saf_gen.errors import escape_controls, unknown
 
 if TYPE_CHECKING:
-    from saf_gen.stack.other_cameras import OtherCamera
+    from saf_gen.stack.recapture import Recapture
     from saf_gen.stream.manifest import Manifest, SequenceEntry
 
 
@@ -38,10 +38,10 @@ def recapture_command(
 
     Scene, lens, light and truth are the same; the sensor is another.
     """
-    from saf_gen.stack.other_cameras import CAMERAS, find_camera
+    from saf_gen.stack.recapture import CAMERAS, Recapture
     from saf_gen.stream.manifest import read_manifest
 
-    camera, manifest = find_camera(sensor, exposure_us=exposure_us), read_manifest(dataset)
+    camera, manifest = Recapture.by(sensor, exposure_us=exposure_us), read_manifest(dataset)
     if split is not None and split not in manifest.splits:
         raise unknown("split", split, allowed=manifest.splits, where=str(dataset))
     entries = [entry for entry in manifest.sequences if split in (None, entry.split)]
@@ -54,17 +54,16 @@ def recapture_command(
 
 
 def record_with(
-    camera: "OtherCamera", dataset: Path, *, manifest: "Manifest", entries: "list[SequenceEntry]", target: Path
+    camera: "Recapture", dataset: Path, *, manifest: "Manifest", entries: "list[SequenceEntry]", target: Path
 ) -> None:
     """Record sequences with another camera, and print what was made; raise typer.Exit(1) if one of them failed."""
-    from saf_gen.stack.other_cameras import recapture
 
     def tell(line: str) -> None:
         out.print(escape_controls(line), soft_wrap=True, markup=False)
 
     with progress_bars() as bars:
         report = terminal_reporter(f"record with {camera.name}", bars)
-        done = recapture(dataset, entries, camera=camera, target=target, report=report, tell=tell)
+        done = camera.record_all(dataset, entries, target=target, report=report, tell=tell)
     for name, error in done.failed.items():
         print_error(f"{name}: {error}", 1)
     kept = f", {done.kept} kept" if done.kept else ""

@@ -14,7 +14,8 @@ from saf_gen.errors import escape_controls
 
 def list_sensors_command(*, as_json: AsJson = False) -> None:
     """List sensors with their array, their readout rate, and the numbers that are not measured."""
-    from saf_gen.camera.sensor_files import KINDS, nominal_keys, read_sensor, sensor_names, sensor_text
+    from saf_gen.camera.kinds import kinds_of_cameras
+    from saf_gen.camera.sensor_files import nominal_keys, read_sensor, sensor_names, sensor_text
 
     def nominal(sensor: Any) -> str:
         return ", ".join(nominal_keys(sensor_text(sensor.name))) or "nothing"
@@ -26,7 +27,7 @@ def list_sensors_command(*, as_json: AsJson = False) -> None:
         Column("Hz", lambda sensor: getattr(sensor, "readout_hz", None), ",.0f", folds=True),
         Column("assumed or derived", nominal, folds=True),
     ]
-    sensors = [read_sensor(name) for kind in KINDS for name in sensor_names(kind)]
+    sensors = [read_sensor(name) for kind in kinds_of_cameras() for name in sensor_names(kind)]
     print_table(Table(columns, sensors), as_json=as_json)
 
 

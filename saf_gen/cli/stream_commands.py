@@ -57,8 +57,8 @@ def import_command(
 
     Its lens log, light log and true focus are stored with it, if they are given.
     """
+    from saf_gen.camera.kinds import kinds_of_cameras
     from saf_gen.stream import interop
-    from saf_gen.stream.metadata import KINDS
 
     if file.is_dir():
         options = {"--layout": layout, "--size": size, "--bits": order, "--axes": axes,
@@ -69,8 +69,8 @@ def import_command(
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
     _check_stream_output(file, target)
-    if kind not in KINDS:
-        raise unknown("kind of recording", kind, allowed=KINDS)
+    if kind not in (known := kinds_of_cameras("bits")):
+        raise unknown("kind of recording", kind, allowed=known)
     source, how = _open_source(
         file, layout=layout, size=parse_size(size), order=order, axes=axes, frames=frames, flip=flip, key=key
     )
@@ -378,7 +378,7 @@ def index_command(
 ) -> None:
     """Write a manifest for a folder of recordings, which makes it a dataset for `saf-gen evaluate`."""
     from saf_gen.stream.dataset import index_folder, is_hidden
-    from saf_gen.stream.frame_file import METHOD
+    from saf_gen.stream.frame_file import METHOD_OF_FRAMES
     from saf_gen.stream.recordings import open_recording
 
     manifest = index_folder(folder, split=split)
@@ -387,7 +387,7 @@ def index_command(
     splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
     size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
     with open_recording(folder / manifest.sequences[0].file) as first:
-        method = f" {METHOD}" if first.counted == "frames" else ""
+        method = f" {METHOD_OF_FRAMES}" if first.form == "frames" else ""
     out.print(f"{size}; next: {manifest.next_command(folder)}{method}", soft_wrap=True)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
+from saf_gen.camera.camera import LensCourse
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import PlannedSequence
@@ -17,6 +18,7 @@ from saf_gen.plugins.lights import group_gains
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Blends, Colour
 from saf_gen.stack.focal_stack import PICTURES
+from saf_gen.stack.light import SceneLight, record
 from saf_gen.stack.noise_free import find_optima, noise_free_sharpness
 from saf_gen.stack.picture_stack import describe_picture_truth, find_picture_truth
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
@@ -95,9 +97,6 @@ def _stored_digest(path: Path, planned: str, *, verify: bool) -> str | None:
             return stream.content_sha256
     except BadInput:
         return None
-
-
-BLOCK_FRAMES = 2000  # frames in memory at a time: 25 MB of packed spikes at 400x250, however long the recording
 
 
 @dataclass(frozen=True)
@@ -180,14 +179,12 @@ class Recorder:
             },
         )
         shape = (self.sensor.rows, self.sensor.columns)
-        encoder = Encoder(self.sensor, shape, seed=sequence.seed, device_seed=self.device_seed, threads=threads)
+        camera = Encoder(self.sensor, shape, seed=sequence.seed, device_seed=self.device_seed, threads=threads)
+        light, lens = SceneLight(charge_source, gain), LensCourse(position, hz)
         with StreamWriter(
             path, shape=(self.frames, *shape), readout_hz=hz, metadata=metadata, threads=threads
         ) as writer:
-            for begin in range(0, self.frames, BLOCK_FRAMES):
-                for run in time_stack.split_at_slices(begin, min(begin + BLOCK_FRAMES, self.frames)):
-                    writer.write(encoder.encode(**charge_source.encoder_inputs(run, position=position, gain=gain)))
-                    progress(run.end / self.frames)
+            record(light, camera, writer, lens=lens, frames=self.frames, progress=progress)
         return writer.content_sha256
 
     def _scale_light(

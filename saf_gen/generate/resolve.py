@@ -33,8 +33,8 @@ from saf_gen.scene.picture_card import PictureScene
 from saf_gen.scene.scene_folder import Scene, find_any_scene
 from saf_gen.stack.all_in_focus import sharp_stack
 from saf_gen.stack.focal_stack import PICTURES, StackSpec
-from saf_gen.stack.other_cameras import OtherCamera, find_camera
 from saf_gen.stack.picture_stack import PictureStack, read_picture_stack
+from saf_gen.stack.recapture import Recapture
 from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
 
@@ -430,7 +430,7 @@ class ResolvedRecipe:
         Name and digest of the recipe's frozen benchmark, as streams store them; "" if it has none.
     part : tuple of int, default (1, 1)
         Shard (I, N) of these sequences that is requested, with I from 1 (:mod:`saf_gen.generate.shards`).
-    others : tuple of OtherCamera, default ()
+    others : tuple of Recapture, default ()
         Cameras that record every sequence again.
     """
 
@@ -441,7 +441,7 @@ class ResolvedRecipe:
     sensor: Sensor
     benchmark: str = ""
     part: tuple[int, int] = (1, 1)
-    others: tuple[OtherCamera, ...] = ()
+    others: tuple[Recapture, ...] = ()
 
     @property
     def pixel_frames(self) -> int:
@@ -502,7 +502,7 @@ def resolve_recipe(
     sensor = _read_sensor(recipe, Path(recipe_path).parent)
     with located(where):
         others = tuple(
-            find_camera(str(recipe_path.parent / name) if is_preset_file(name) else name)
+            Recapture.by(str(recipe_path.parent / name) if is_preset_file(name) else name)
             for name in recipe.camera.other_cameras
         )
         actuator = _read_actuator(recipe, Path(recipe_path).parent)

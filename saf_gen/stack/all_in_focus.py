@@ -19,7 +19,6 @@ from saf_gen.optics import FittedLensDrive
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import PICTURES, WAVES, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_windows
-from saf_gen.stream.metadata import sensor_kind
 from saf_gen.stream.stream_file import SpikeStream
 
 F_NUMBER = 512.0
@@ -101,7 +100,7 @@ def open_all_in_focus(stream: SpikeStream, stacks: str | Path) -> ChargeSource:
     # With the drive of the recording, the pictures of a point count as the light that its aperture collects.
     lit = tuple(replace(point, drive=spec.drive) for point, spec in zip(points.specs, specs, strict=True))
     source = replace(PlaneSource.from_folder(points, Path(stacks)), time_stack=replace(points, specs=lit))
-    sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor", kind=sensor_kind(stream))
+    sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor", kind=stream.counted)
     charge = ChargeSource(source, sensor)
     charge.scale = float(load_plain_json(provenance["exposure"])["scale"])
     return charge

@@ -4,26 +4,29 @@ Light is linear, and the stacks hold every focus position. A camera that runs wh
 needs no renderer, only the stacks, light gains, sensor and seeds of the recording.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import gcd
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from saf_gen.camera import LANES, BitSensor, CountingSensor, Encoder, parse_sensor, start_camera
-from saf_gen.camera.frames import FrameCamera, FrameSensor
-from saf_gen.camera.spad import SpadCamera
+from saf_gen.camera import LANES, parse_sensor
+from saf_gen.camera.camera import Camera, Integral
+from saf_gen.camera.kinds import camera_type
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
+from saf_gen.stack.light import SceneLight, lamp_integrals
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
-from saf_gen.stream.metadata import Truth, sensor_kind
+from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
-from saf_gen.stream.recordings import Recording
+from saf_gen.stream.recordings import LIGHT_S, SENSOR, Recording
 
 CACHE_BYTES = 1 << 30  # planes of a moving scene: methods read them one after another, most in the same sweep
 
@@ -37,7 +40,7 @@ class Capture:
     plane_source : PlaneSource
         Focal stacks of the recording.
     sensor : Sensor, SpadSensor or FrameSensor
-        Sensor of the camera.
+        Sensor to whose readouts the light belongs; by them lens and truth are logged.
     gain : ndarray of float32, shape (T, G)
         Gain of each light group at each readout.
     exposure : float
@@ -57,10 +60,15 @@ class Capture:
         Lamps of the recording and the axial colour of its lens; None for light of one wavelength.
     optima : mapping of str to float
         Distances of the noise-free peaks of measures from the true focus (:mod:`saf_gen.stream.optima`).
+    recorder : CameraSensor, optional
+        Sensor of the camera, if that is another one than ``sensor``: an event camera's.
+    lamps : callable
+        Returns the integral of the gain of each lamp; raises BadInput if the recording does not say how its light
+        changed.
     """
 
     plane_source: PlaneSource
-    sensor: CountingSensor
+    sensor: Any
     gain: np.ndarray
     exposure: float
     seed: int
@@ -70,6 +78,8 @@ class Capture:
     slices: str = ""
     colour: Colour | None = None
     optima: Mapping[str, float] = field(default_factory=dict)
+    recorder: Any = None
+    lamps: Callable[[], Sequence[Integral]] = tuple
 
     @classmethod
     def from_stream(cls, stream: Recording, stacks: Path) -> "Capture":
@@ -94,7 +104,9 @@ class Capture:
             exposure = load_plain_json(provenance["exposure"])
             sequence = load_plain_json(provenance["sequence"])
             seed = int(sequence["seed"])
-            sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor", kind=sensor_kind(stream))
+            own = SENSOR[stream.form] == "sensor"
+            kind = stream.counted if own else "spikes"
+            sensor = parse_sensor(provenance["sensor"], f"{where} /provenance/sensor", kind=kind)
             scale, device_seed = float(exposure["scale"]), int(exposure["device_seed"])
             gain = np.asarray(stream.metadata.gain, dtype=np.float32)  # TypeError if there is no gain
         except (KeyError, ValueError, TypeError, OverflowError) as error:
@@ -104,9 +116,10 @@ class Capture:
                 allowed="streams of a dataset, for the closed-loop track",
                 hint="remove it and run saf-gen generate again, or use --track recorded",
             ) from error
+        recorder = sensor if own else _recorder(stream)
         specs = tuple(StackSpec.read(stacks, key) for key in keys)
         moving = len(specs) > 1
-        if moving and isinstance(sensor, FrameSensor):
+        if moving and stream.form == "frames":
             raise BadInput("frames of a moving scene cannot be captured again", where=where, allowed="scenes at rest")
         slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in specs) if moving else (0,)
         time_stack = TimeResolvedStack(slice_frames, specs)
@@ -128,44 +141,85 @@ class Capture:
                 raise _lacking_slices_error(provenance.get("recipe", ""), where)
             plane_source = PlaneSource.from_folder(full_travel.truncated_to(frames), stacks)
             slices = plane_source.digest
-        optima = optima_of_stream(provenance)
-        return cls(plane_source, sensor, gain, scale, seed, device_seed, stream.truth, frames, slices, colour, optima)
+        return cls(
+            plane_source,
+            sensor,
+            gain,
+            scale,
+            seed,
+            device_seed,
+            stream.truth,
+            frames,
+            slices,
+            colour,
+            optima_of_stream(provenance),
+            recorder,
+            partial(lamp_integrals, provenance, groups, duration_s=_light_s(stream), where=where),
+        )
 
     @property
-    def bit_sensor(self) -> BitSensor:
-        """The sensor, of a spike camera or a single-photon array; raises BadInput if it is that of a frame camera."""
-        if isinstance(self.sensor, FrameSensor):
-            raise BadInput(f"{self.sensor.name} reads out frames", allowed="a camera that reads out bits")
-        return self.sensor
+    def camera(self) -> type[Camera]:
+        """Class of the camera."""
+        return camera_type((self.recorder or self.sensor).kind)
 
-    def encoder_rows(self, region: Region) -> slice:
-        """Return the rows that an encoder needs for a region, from the beginning of a block of its noise."""
+    def rows_for(self, region: Region) -> slice:
+        """Return the rows that the camera needs for a region: all, or from the beginning of a block of its noise."""
+        if self.camera.whole_array:
+            return slice(0, self.sensor.rows)
         step = LANES // gcd(self.sensor.columns, LANES)
         return slice(region[0].start // step * step, region[0].stop)
 
     def open_charge_source(self, rows: slice | None = None) -> ChargeSource:
         """Return the source of the charge collected in these rows (all by default); many runs may share it."""
+        part = None if rows == slice(0, self.sensor.rows) else rows
         charge_source = ChargeSource(
-            self.plane_source, self.sensor, rows=rows, cache_bytes=CACHE_BYTES, colour=self.colour
+            self.plane_source, self.sensor, rows=part, cache_bytes=CACHE_BYTES, colour=self.colour
         )
         charge_source.scale = self.exposure
         return charge_source
 
-    def create_encoder(self, rows: slice | None = None, *, threads: int | None = None) -> Encoder | SpadCamera:
-        """Return the camera before its first readout, with the noise of the recording.
+    def open_light(self, rows: slice | None = None) -> SceneLight:
+        """Return the light in these rows (all by default), in which the camera may be started many times."""
+        lamps = () if self.camera.form == "bits" else self.lamps()
+        return SceneLight(self.open_charge_source(rows), self.gain, lamps)
 
-        Raises BadInput if it is a frame camera.
-        """
-        sensor = self.bit_sensor
-        shape = sensor.rows, sensor.columns
-        return start_camera(sensor, shape, seed=self.seed, device_seed=self.device_seed, rows=rows, threads=threads)
+    def start_camera(self, rows: slice | None = None, *, threads: int | None = None) -> Camera:
+        """Return the camera before its first readout, with the noise of the recording."""
+        return self.camera.start(
+            self.recorder or self.sensor,
+            shape=(self.sensor.rows, self.sensor.columns),
+            seed=self.seed,
+            device_seed=self.device_seed,
+            rows=rows,
+            threads=threads,
+        )
 
-    def create_frame_camera(self) -> FrameCamera:
-        """Return the frame camera of the recording, with its noise; raise BadInput if it reads out bits."""
-        if not isinstance(self.sensor, FrameSensor):
-            raise BadInput(f"{self.sensor.name} reads out bits", allowed="a frame camera")
-        shape = self.sensor.rows, self.sensor.columns
-        return FrameCamera(self.sensor, shape, seed=self.seed, device_seed=self.device_seed)
+
+def _recorder(stream: Recording) -> Any:
+    """Return the sensor that recorded a stream; raise BadInput if the file does not describe a valid one."""
+    name = SENSOR[stream.form]
+    if (text := stream.metadata.provenance.get(name)) is None:
+        raise BadInput(
+            f"the file does not say which camera recorded its {stream.counted}",
+            where=str(stream.path),
+            hint="record it again with saf-gen recapture, or use --track recorded",
+        )
+    return parse_sensor(text, f"{stream.path} /provenance/{name}", kind=stream.counted)
+
+
+def _light_s(stream: Recording) -> float:
+    """Return for how many seconds the schedules of the light run: by default, as long as the recording."""
+    text = stream.metadata.provenance.get(LIGHT_S)
+    if text is None and stream.form != "frames":
+        return stream.shape[0] / stream.readout_hz
+    try:
+        return float(text or "")
+    except ValueError as error:
+        raise BadInput(
+            "the file does not say for how long its light changed",
+            where=str(stream.path),
+            hint="record it again with saf-gen recapture",
+        ) from error
 
 
 def _lacking_slices_error(recipe: str, where: str) -> BadInput:

@@ -6,10 +6,12 @@ visits are read, and by default those of at most three stacks are held in memory
 
 import numpy as np
 
-from saf_gen.camera import CountingSensor, charge_of_images, electrons_per_irradiance, knot_weights
+from saf_gen.camera import charge_of_images, electrons_per_irradiance, knot_weights
+from saf_gen.camera.camera import Span
+from saf_gen.camera.exposure import Pixels
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import PICTURES
-from saf_gen.stack.time_resolved import FrameRun, PlaneSource
+from saf_gen.stack.time_resolved import PlaneSource
 
 
 class ChargeSource:
@@ -38,7 +40,7 @@ class ChargeSource:
     def __init__(
         self,
         plane_source: PlaneSource,
-        sensor: CountingSensor,
+        sensor: Pixels,
         *,
         rows: slice | None = None,
         cache_bytes: int = 0,
@@ -71,14 +73,14 @@ class ChargeSource:
             charge = charge * self._colour.shares[:, None, None]
         return np.asarray(charge.sum(axis=0))
 
-    def encoder_inputs(self, run: FrameRun, *, position: np.ndarray, gain: np.ndarray) -> dict[str, np.ndarray]:
+    def encoder_inputs(self, run: Span, *, position: np.ndarray, gain: np.ndarray) -> dict[str, np.ndarray]:
         """Return the arguments of :meth:`saf_gen.camera.Encoder.encode` for a run of frames.
 
         Light groups that share one gain are summed, because the camera cannot distinguish them.
 
         Parameters
         ----------
-        run : FrameRun
+        run : Span
             Frames among the same time slices.
         position : ndarray, shape (T,)
             Position of the lens in each readout of the recording, 0 to 1.
@@ -98,7 +100,7 @@ class ChargeSource:
         gain = np.concatenate([gain * weight[:, None] for weight in weights.T], axis=1)
         return {"stack": stack, "index": index - first, "fraction": fraction, "gain": gain}
 
-    def stack(self, run: FrameRun, positions: range, *, summed: bool = False) -> np.ndarray:
+    def stack(self, run: Span, positions: range, *, summed: bool = False) -> np.ndarray:
         """Return the charge at position indices during a run of frames, float32 (light, focus, row, col), at scale 1.
 
         In a moving scene the lights of the earliest time slice come first, and then those of the next ones. ``summed``

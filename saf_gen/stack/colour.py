@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from saf_gen.camera import CountingSensor
+from saf_gen.camera.exposure import Pixels
 from saf_gen.core.spectrum import NM, describe, power_per_light
 from saf_gen.errors import BadInput
 from saf_gen.optics import AxialColour, FocusCriterion
@@ -72,7 +72,7 @@ class Colour:
     """
 
     lamps: tuple[Lamp, ...]
-    sensor: CountingSensor
+    sensor: Pixels
     axial_colour: AxialColour | None
 
     @classmethod
@@ -81,7 +81,7 @@ class Colour:
         schedule: Mapping[str, Any],
         groups: Sequence[str],
         *,
-        sensor: CountingSensor,
+        sensor: Pixels,
         axial_colour: Mapping[str, Any] | None,
     ) -> "Colour | None":
         """Return the colour of a recording; None if each light group is one lamp in light of one wavelength.

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, takewhile
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from saf_gen.camera.camera import Span
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.grain import StackGrain, read_grain
 from saf_gen.stack.second_render import stacks_to_repeat
@@ -23,14 +23,6 @@ from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
 
 SHADING_MOMENTS = 9  # number of moments whose light paths give the shading of a time slice, including its own
 FRAMES_PER_BYTE = 8  # a camera writes whole bytes, so the stacks that it is given can change only between two bytes
-
-
-class FrameRun(NamedTuple):
-    """Frames ``begin <= t < end`` of a recording; ``slice_index`` is the index of the last time slice before them."""
-
-    begin: int
-    end: int
-    slice_index: int
 
 
 @dataclass(frozen=True)
@@ -100,7 +92,7 @@ class TimeResolvedStack:
         digests = [StackStore(root, spec).digest() for spec in self.specs]
         return digests[0] if len(digests) == 1 else hashlib.sha256(" ".join(digests).encode()).hexdigest()
 
-    def split_at_slices(self, begin: int, end: int) -> Iterator[FrameRun]:
+    def split_at_slices(self, begin: int, end: int) -> Iterator[Span]:
         """Yield frames begin <= t < end in runs that end at whole bytes; one run for a static scene.
 
         A run lies between two stacks, unless a stack belongs to a frame within a byte: these eight frames are a run of
@@ -108,7 +100,7 @@ class TimeResolvedStack:
         another rate need not.
         """
         if not self.is_moving:
-            yield FrameRun(begin, end, 0)
+            yield Span(begin, end, 0)
             return
         end = min(end, self.slice_frames[-1])
         while begin < end:
@@ -116,17 +108,17 @@ class TimeResolvedStack:
             stop = self.slice_frames[j + 1] // FRAMES_PER_BYTE * FRAMES_PER_BYTE
             if stop <= begin:
                 stop = (begin // FRAMES_PER_BYTE + 1) * FRAMES_PER_BYTE
-            yield FrameRun(begin, min(stop, end), j)
+            yield Span(begin, min(stop, end), j)
             begin = stop
 
-    def stacks_of(self, run: FrameRun) -> range:
+    def stacks_of(self, run: Span) -> range:
         """Return the indices of the stacks among which a run lies; of a static scene, that of its one stack."""
         if not self.is_moving:
             return range(1)
         last = bisect_left(self.slice_frames, run.end)
         return range(run.slice_index, max(last, run.slice_index + 1) + 1)
 
-    def interpolation_weights(self, run: FrameRun) -> np.ndarray:
+    def interpolation_weights(self, run: Span) -> np.ndarray:
         """Return the weight of each stack of a run in each of its readouts, float64 (readouts, stacks), 0 to 1."""
         starts, stacks = np.array(self.slice_frames), self.stacks_of(run)
         frames = np.arange(run.begin, run.end)

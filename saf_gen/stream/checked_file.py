@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, ClassVar, Self
 
 import h5py
 import numpy as np
@@ -80,6 +80,7 @@ class CheckedFile:
         Digest of the content.
     """
 
+    form: ClassVar[str]
     path: Path
     shape: tuple[int, int, int]
     readout_hz: float
@@ -112,7 +113,8 @@ class CheckedFile:
 
     def _read_metadata(self) -> None:
         """Take the metadata from the small datasets, once ``shape`` is known."""
-        self.metadata = metadata_from_datasets(self._small, self.shape)
+        self.metadata = metadata_from_datasets(self._small, self.shape, form=self.form)
+        self.counted = self.metadata.kind
         self.truth, self.focus_position = self.metadata.truth, self.metadata.focus_position
         self.gain, self.light_names = self.metadata.gain, self.metadata.light_names
 

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from saf_gen.camera.kinds import kinds_of_cameras
 from saf_gen.core.files import name_as_text
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
@@ -45,7 +46,7 @@ def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
         )
     kinds: dict[str, str] = {}
     entries = tuple(_entry(root, file, split=split, kinds=kinds) for file in files)
-    if len(kinds) > 1 and not kinds.keys() <= {"spikes", "photons"}:
+    if len(kinds) > 1 and not kinds.keys() <= {*kinds_of_cameras("bits")}:
         raise BadInput(
             " and ".join(f"{file} holds {kind}" for kind, file in list(kinds.items())[:2]), where=str(folder),
             allowed="recordings of one kind", hint="give each kind a folder of its own",

@@ -11,7 +11,7 @@ from saf_gen.core.plain_text import plural
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.event_file import EventFile
 from saf_gen.stream.frame_file import FrameFile
-from saf_gen.stream.metadata import Metadata, ReadableStream
+from saf_gen.stream.metadata import USUAL, Metadata, ReadableStream, in_words
 from saf_gen.stream.recorded_grain import grain_of_stream
 
 RATE_BLOCKS = 50
@@ -29,7 +29,7 @@ def describe_content(stream: ReadableStream | EventFile | FrameFile, *, with_rat
     scene = [str(planned[key]) for key in ("scene", "scene_motion") if key in planned]
     facts = {"scene": ", ".join(scene)} if scene else {}
     facts |= {
-        **({"kind": "single photons"} if stream.metadata.kind == "photons" else {}),
+        **({} if stream.counted == USUAL[stream.form] else {"kind": in_words(stream.counted)}),
         "pixels": f"{columns}×{rows}",
         "frames": f"{frames} at {stream.readout_hz:g} Hz ({length / stream.readout_hz:g} s)",
         **(_describe_rates(stream) if with_rates and not isinstance(stream, EventFile | FrameFile) else {}),

@@ -15,12 +15,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import h5py
 import numpy as np
 
-from saf_gen.core.files import atomic_file, refuse_link, unwritable
+from saf_gen.core.files import atomic_file, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.stream.checked_file import (
     CheckedFile,
@@ -38,8 +38,6 @@ FORMAT, LAYOUT = "saf-gen recapture", 1
 COLUMNS = {"x": "uint16", "y": "uint16", "t": "uint32", "p": "uint8"}
 CHUNK = 1 << 16
 BLOCK = 16 * CHUNK  # events that are read at a time
-FINGERPRINT = "events_fingerprint"
-"""Name of the text in the provenance that says from what the events were made."""
 TICKS_PER_MS = 1000
 LONGEST_S = 4000.0  # what a time in microseconds can say in 32 bits
 BUS_FULL = "bus_full_s"
@@ -53,6 +51,22 @@ class EventColumns(NamedTuple):
     y: np.ndarray
     t: np.ndarray
     p: np.ndarray
+
+
+class ColumnsOfEvents(Protocol):
+    """What has the columns of events, such as :class:`EventColumns`, whatever their order."""
+
+    @property
+    def x(self) -> np.ndarray: ...
+
+    @property
+    def y(self) -> np.ndarray: ...
+
+    @property
+    def t(self) -> np.ndarray: ...
+
+    @property
+    def p(self) -> np.ndarray: ...
 
 
 class EventWriter:
@@ -74,8 +88,8 @@ class EventWriter:
 
     Attributes
     ----------
-    bus_full_s : float or None
-        For how many seconds events waited for the readout, if it is known; to be set before the end.
+    notes : dict of str to str
+        Texts by name that are known at the end, for the provenance; to be set before it.
 
     Raises
     ------
@@ -89,7 +103,7 @@ class EventWriter:
     ) -> None:
         self.path, self.shape, self.readout_hz = Path(path), shape, float(readout_hz)
         self.content_sha256, self.count = "", 0
-        self.bus_full_s: float | None = None
+        self.notes: dict[str, str] = {}
         if shape[0] / readout_hz > LONGEST_S:
             raise BadInput(f"the recording lasts {shape[0] / readout_hz:g} s", allowed=f"at most {LONGEST_S:,g} s")
         self._datasets = metadata_to_datasets(metadata, shape)
@@ -117,7 +131,12 @@ class EventWriter:
             self._undo = undo.pop_all()
         return self
 
-    def write(self, events: EventColumns) -> None:
+    @property
+    def size(self) -> str:
+        """How many events there are, in words."""
+        return f"{self.count:,} events"
+
+    def write(self, events: ColumnsOfEvents) -> None:
         """Append events, whose times do not fall and begin at or after the last one.
 
         Raises BadInput if they do not, if they are not before the end of the recording, or if the disk is full.
@@ -175,9 +194,8 @@ class EventWriter:
             rest = np.full(self._milliseconds - self._next_ms, self.count, np.uint64)
             self._file.create_dataset("ms_to_idx", data=np.concatenate([*self._index, rest]))
             self._file.create_dataset("t_offset", data=np.int64(0))
-            if self.bus_full_s is not None:
-                text = f"{self.bus_full_s:.6f}"
-                self._file.create_dataset(f"provenance/{BUS_FULL}", data=text, dtype=h5py.string_dtype())
+            for name, text in self.notes.items():
+                self._file.create_dataset(f"provenance/{name}", data=text, dtype=h5py.string_dtype())
             digests = {name: digest.hexdigest() for name, digest in self._hashes.items()}
             self.content_sha256 = _content_digest(
                 self._datasets, digests, count=self.count, shape=self.shape, readout_hz=self.readout_hz
@@ -240,6 +258,7 @@ class EventFile(CheckedFile):
         For how many seconds events waited for the readout, by more than a microsecond, if the file says so.
     """
 
+    form: ClassVar[str] = "events"
     path: Path
 
     def __init__(self, path: Path) -> None:
@@ -422,23 +441,3 @@ def _content_digest(
     lines += [f"/events/{name} {COLUMNS[name]} {count} {digest}" for name, digest in columns.items()]
     size = f"size {'x'.join(map(str, shape))}"
     return hashlib.sha256("\n".join([size, f"readout_hz {readout_hz!r}", *sorted(lines)]).encode()).hexdigest()
-
-
-def check_replaceable(path: Path) -> None:
-    """Raise BadInput if an output would replace a link, or something that is not an event file."""
-    refuse_link(path)
-    if path.exists():
-        with open_events(path):
-            pass
-
-
-def intact_digest(path: Path, fingerprint: str) -> str | None:
-    """Return the digest of an event file if it was made from what has this fingerprint and is intact, else None."""
-    try:
-        with open_events(path) as events:
-            if events.metadata.provenance.get(FINGERPRINT) != fingerprint:
-                return None
-            events.verify()
-            return events.content_sha256
-    except BadInput:
-        return None

@@ -7,14 +7,16 @@ truth and provenance, for the T frames.
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from types import TracebackType
+from typing import Any, ClassVar, NoReturn, Self
 
 import h5py
 import numpy as np
 
-from saf_gen.core.files import atomic_file, refuse_link
+from saf_gen.core.files import atomic_file
 from saf_gen.core.region import Region, region_shape, validate_region, validate_window
 from saf_gen.errors import BadInput
 from saf_gen.stream.checked_file import CheckedFile, check_deflated, holds, open_dataset, read_attribute, report_damage
@@ -23,29 +25,20 @@ from saf_gen.stream.metadata import Metadata, metadata_to_datasets, stream_diges
 from saf_gen.stream.pixel_mask import Filling
 
 FORMAT, LAYOUT = "saf-gen frames", 2
-FINGERPRINT = "frames_fingerprint"
-"""Name of the text in the provenance that says from what the frames were made."""
-METHOD = "--method sd+argmax:window=3"
+METHOD_OF_FRAMES = "--method sd+argmax:window=3"
 """Option of ``saf-gen evaluate`` for frames, because windows are numbers of frames."""
 
 
-def write_frames(
-    path: str | os.PathLike[str],
-    frames: Iterable[np.ndarray],
-    *,
-    shape: tuple[int, int, int],
-    readout_hz: float,
-    black_level_dn: int,
-    metadata: Metadata,
-) -> str:
-    """Write the file of a frame camera, whole or not at all, and return its content_sha256.
+class FrameWriter:
+    """A context manager that writes the file of a frame camera frame by frame, whole or not at all.
+
+    It writes to a temporary file next to ``path``, which takes its name on a clean exit, when ``content_sha256`` is
+    set.
 
     Parameters
     ----------
     path : str or Path
         File to write.
-    frames : iterable of ndarray of uint16, shape (H, W)
-        The frames, in their order; they are written as they come.
     shape : tuple of int
         (T, H, W).
     readout_hz : float
@@ -55,34 +48,83 @@ def write_frames(
     metadata : Metadata
         Everything that the file holds except the frames.
 
+    Attributes
+    ----------
+    notes : dict of str to str
+        Texts by name that are known at the end, for the provenance; to be set before it.
+
     Raises
     ------
     BadInput
-        If a field of the metadata is not allowed, there are not T frames of this shape, or the folder cannot be
-        written.
+        If a field of the metadata is not allowed, or the folder cannot be written.
     """
-    datasets = metadata_to_datasets(metadata, shape)
-    sha, count = hashlib.sha256(), 0
-    with atomic_file(Path(path)) as part, new_hdf5(part) as (file, disk):
-        stored = file.create_dataset(
-            "frames", shape, "uint16", chunks=(1, *shape[1:]), compression="gzip", compression_opts=1, shuffle=True
-        )
-        for frame in frames:
-            if count == shape[0] or frame.shape != shape[1:]:
-                raise BadInput(f"frame {count} has the shape {frame.shape}", allowed=f"{shape[0]} of {shape[1:]}")
-            stored[count] = frame
-            disk.check()
-            sha.update(np.ascontiguousarray(frame, "<u2").tobytes())
-            count += 1
-        if count != shape[0]:
-            raise BadInput(f"there are {count} frames", allowed=f"{shape[0]}")
-        for name, value in datasets.items():
-            text = isinstance(value, str | tuple)
-            file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
-        stated = {"readout_hz": float(readout_hz), "black_level_dn": int(black_level_dn)}
-        content = _content_digest(datasets, sha.hexdigest(), shape=shape, stated=stated)
-        file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=content, **stated)
-    return content
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        shape: tuple[int, int, int],
+        readout_hz: float,
+        black_level_dn: int,
+        metadata: Metadata,
+    ) -> None:
+        self.path, self.shape = Path(path), shape
+        self.content_sha256, self.notes = "", dict[str, str]()
+        self._stated = {"readout_hz": float(readout_hz), "black_level_dn": int(black_level_dn)}
+        self._datasets = metadata_to_datasets(metadata, shape)
+        self._sha, self._count = hashlib.sha256(), 0
+
+    def __enter__(self) -> Self:
+        with ExitStack() as undo:
+            part = undo.enter_context(atomic_file(self.path))
+            self._file, self._disk = undo.enter_context(new_hdf5(part))
+            self._frames = self._file.create_dataset(
+                "frames",
+                self.shape,
+                "uint16",
+                chunks=(1, *self.shape[1:]),
+                compression="gzip",
+                compression_opts=1,
+                shuffle=True,
+            )
+            self._undo = undo.pop_all()
+        return self
+
+    @property
+    def size(self) -> str:
+        """How many frames there are, in words."""
+        return f"{self.shape[0]:,} frames"
+
+    def write(self, frame: np.ndarray) -> None:
+        """Append a frame, uint16 (H, W).
+
+        Raises BadInput if it has another shape, or the recording is full.
+        """
+        if self._count == self.shape[0] or frame.shape != self.shape[1:]:
+            raise BadInput(
+                f"frame {self._count} has the shape {frame.shape}", allowed=f"{self.shape[0]} of {self.shape[1:]}"
+            )
+        self._frames[self._count] = frame
+        self._disk.check()
+        self._sha.update(np.ascontiguousarray(frame, "<u2").tobytes())
+        self._count += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._undo.__exit__(kind, error, trace)
+            return
+        with self._undo:
+            if self._count != self.shape[0]:
+                raise BadInput(f"there are {self._count} frames", allowed=f"{self.shape[0]}")
+            texts = {f"/provenance/{name}": text for name, text in self.notes.items()}
+            for name, value in {**self._datasets, **texts}.items():
+                text = isinstance(value, str | tuple)
+                self._file.create_dataset(name, data=value, dtype=h5py.string_dtype() if text else None)
+            content = _content_digest(self._datasets, self._sha.hexdigest(), shape=self.shape, stated=self._stated)
+            self._file.attrs.update(format=FORMAT, layout=LAYOUT, content_sha256=content, **self._stated)
+        self.content_sha256 = content
 
 
 def _content_digest(
@@ -133,7 +175,7 @@ class FrameFile(CheckedFile):
         Digest of the content.
     """
 
-    counted: ClassVar[str] = "frames"
+    form: ClassVar[str] = "frames"
 
     def __init__(self, path: Path) -> None:
         with report_damage(path):
@@ -216,11 +258,3 @@ def above_black(frames: np.ndarray, black_level_dn: int) -> np.ndarray:
     """Return by how much the numbers of frames are above the black level, at least 0: uint16."""
     black = np.uint16(black_level_dn)
     return np.maximum(frames, black) - black
-
-
-def check_replaceable(path: Path) -> None:
-    """Raise BadInput if an output would replace a link, or something that is not a file of frames."""
-    refuse_link(path)
-    if path.exists():
-        with open_frames(path):
-            pass

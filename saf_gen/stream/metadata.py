@@ -19,12 +19,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from saf_gen.camera.kinds import kinds_of_cameras
 from saf_gen.core.region import Region, decile_pixels
 from saf_gen.errors import BadInput, unknown
 
 FORMAT = "saf-gen stream"
 LAYOUT = 1
-KINDS = ("spikes", "photons")
+USUAL = {"bits": "spikes", "events": "events", "frames": "frames"}
+"""Kind of the camera of a file of each form, if the file does not state another."""
 """What a 1 in a recording stands for: a spike of a pixel that integrates light, or a detection of a single photon."""
 MAX_PIXELS = 1 << 22
 """Largest number of pixels per frame; a time block of 2,000 frames of this size takes a gigabyte."""
@@ -139,9 +141,10 @@ class Metadata:
     readout : ndarray of int64, shape (T,), optional
         Number of the camera's readout that each frame is: it begins with 0 and rises by more than 1 where readouts were
         lost. By default, frame t is readout t.
-    kind : str, default 'spikes'
-        One of KINDS. The shared spike of two windows, for which some measures correct, is not in counts of photons. A
-        file holds it in ``/provenance/kind``, unless it is the default.
+    kind : str, default ''
+        Kind of the camera; by default the usual one of the file's form: ``spikes``, ``events`` or ``frames``. The
+        shared spike of two windows, for which some measures correct, is in counts of spikes alone. A file holds the
+        kind in ``/provenance/kind`` if it is another than these.
     truth : Truth, optional
         The true focus.
     provenance : mapping of str to str, optional
@@ -155,7 +158,7 @@ class Metadata:
     light_names: tuple[str, ...] = ()
     mask: np.ndarray | None = None
     readout: np.ndarray | None = None
-    kind: str = "spikes"
+    kind: str = ""
     truth: Truth = field(default_factory=Truth)
     provenance: Mapping[str, str] = field(default_factory=dict)
 
@@ -256,9 +259,7 @@ def metadata_to_datasets(
     if lights:
         out["/light/names"] = lights
     _check_lights(out.get("/light/gain"), lights)
-    if metadata.kind not in KINDS:
-        raise unknown("kind of recording", metadata.kind, allowed=KINDS)
-    if metadata.kind != KINDS[0]:
+    if _checked_kind(metadata.kind) not in ("", *USUAL.values()):
         out["/provenance/kind"] = metadata.kind
     for name, text in metadata.provenance.items():
         if name == "kind":
@@ -272,6 +273,18 @@ def metadata_to_datasets(
 def _check_lights(gain: np.ndarray | None, lights: tuple[str, ...]) -> None:
     if gain is not None and lights and gain.shape[1] != len(lights):
         raise BadInput(f"gain has {gain.shape[1]} lights, light_names has {len(lights)}", allowed="the same number")
+
+
+def in_words(kind: str) -> str:
+    """Return what a recording of a camera of this kind holds."""
+    return "single photons" if kind == "photons" else kind
+
+
+def _checked_kind(kind: str) -> str:
+    """Return a kind of camera, or ''; raise BadInput if there is no such kind."""
+    if kind and kind not in kinds_of_cameras():
+        raise unknown("kind of recording", kind, allowed=kinds_of_cameras())
+    return kind
 
 
 def _is_unicode(text: str) -> bool:
@@ -354,8 +367,8 @@ def _check_names(what: str, names: Iterable[str], *, known: type) -> None:
             raise unknown(what, name, allowed=allowed)
 
 
-def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int]) -> Metadata:
-    """Return metadata from the small datasets of a file: the inverse of :func:`metadata_to_datasets`.
+def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int], *, form: str) -> Metadata:
+    """Return metadata from the small datasets of a file of this form: the inverse of :func:`metadata_to_datasets`.
 
     Raises BadInput, naming the field, if a dtype, shape or value is not allowed.
     """
@@ -370,24 +383,21 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
             near, far = truth[name]
             truth[name] = (float(near), float(far))
     provenance = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
-    kind = provenance.pop("kind", KINDS[0])
-    if kind not in KINDS:
-        raise unknown("kind of recording", kind, allowed=KINDS)
+    kind = _checked_kind(provenance.pop("kind", "")) or USUAL[form]
     lights = tuple(str(name) for name in values.get("/light/names", ()))
     _check_lights(found.get("gain"), lights)
     return Metadata(**found, light_names=lights, kind=kind, truth=Truth(**truth), provenance=provenance)
 
 
-def sensor_kind(stream: "ReadableStream") -> str:
-    """Return the kind of the sensor that a recording describes; events describe the spike camera in their place."""
-    return "frames" if stream.counted == "frames" else stream.metadata.kind
-
-
 class ReadableStream(Protocol):
     """An open recording and its metadata, such as a :class:`saf_gen.stream.stream_file.SpikeStream`.
 
-    ``counted`` says what it holds: ``spikes``, ``photons``, ``events`` or ``frames``.
+    ``form`` is that of its file: ``bits``, ``events`` or ``frames``; ``counted`` is the kind of its camera, which says
+    what a count is of: ``spikes``, ``photons``, ``events``, ``frames``, or another.
     """
+
+    @property
+    def form(self) -> str: ...
 
     @property
     def counted(self) -> str: ...

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import h5py
 import numpy as np
@@ -156,9 +156,13 @@ class SpikeStream:
         Gain of each light group in each frame, from ``metadata``.
     light_names : tuple of str
         Names of the light groups, from ``metadata``.
+    form : str
+        ``bits``.
     counted : str
-        What a 1 stands for: ``spikes`` or ``photons``, from ``metadata``.
+        What a 1 stands for: ``spikes``, ``photons``, or another kind, from ``metadata``.
     """
+
+    form: ClassVar[str] = "bits"
 
     def __init__(self, path: Path, file: h5py.File, *, threads: int | None = None) -> None:
         self.path, self._file, self._threads, self._process = path, file, threads, os.getpid()
@@ -184,7 +188,7 @@ class SpikeStream:
             raise BadInput("/spikes does not state frames and readout_hz", where=where, hint="make it again")
         frames, self.readout_hz = int(frames), float(hz)
         self.content_sha256 = str(read_attribute(file, "content_sha256"))
-        self.metadata = metadata_from_datasets(small, (frames, rows, columns))
+        self.metadata = metadata_from_datasets(small, (frames, rows, columns), form=self.form)
         if length != -(-frames // 8) or frames < 1:
             raise BadInput(
                 f"/spikes is {self._spikes.dtype} {self._spikes.shape} for {frames} frames",

@@ -54,6 +54,11 @@ class StreamWriter:
     threads : int, optional
         Number of threads that compress; by default one per core, at most eight.
 
+    Attributes
+    ----------
+    notes : dict of str to str
+        Texts by name that are known at the end, for the provenance; to be set before it.
+
     Raises
     ------
     BadInput
@@ -76,7 +81,7 @@ class StreamWriter:
             raise BadInput(f"readout_hz is {readout_hz}", where=str(path), allowed="a finite number above 0")
         frames, self._rows, self._columns = (operator.index(n) for n in shape)
         self.shape, self.readout_hz = (frames, self._rows, self._columns), float(readout_hz)
-        self.content_sha256 = ""
+        self.content_sha256, self.notes = "", dict[str, str]()
         self._datasets = metadata_to_datasets(metadata or Metadata(), self.shape)
         self._length = -(-frames // 8)
         self._chunk = time_blocks.chunk_shape((self._rows, self._columns, self._length))
@@ -107,6 +112,11 @@ class StreamWriter:
             self._pool = undo.enter_context(make_thread_pool("deflate", self._threads))
             self._undo = undo.pop_all()
         return self
+
+    @property
+    def size(self) -> str:
+        """How many frames there are, in words."""
+        return f"{self.shape[0]:,} frames"
 
     def write(self, packed: np.ndarray) -> None:
         """Append packed spikes.
@@ -163,6 +173,9 @@ class StreamWriter:
     def _verify_written(self) -> str:
         """Close the file, compare it with what was written, and return its ``content_sha256``."""
         self._assembler.check_complete()
+        for name, text in self.notes.items():
+            self._datasets[f"/provenance/{name}"] = text
+            self._spikes.file.create_dataset(f"provenance/{name}", data=text, dtype=h5py.string_dtype())
         spikes, shape = self._sha.hexdigest(), self._spikes.shape
         digest = partial(stream_digests, spikes=spikes, readout_hz=self.readout_hz, frames=self.shape[0])
         sha256, provenance = written = digest(self._datasets.items(), shape)

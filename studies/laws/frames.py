@@ -31,7 +31,7 @@ def _check_photon_transfer(maker: DatasetMaker, quick: bool) -> Finding:
     for seed, charge in enumerate(CHARGES, start=1):
         camera = FrameCamera(sensor, shape, seed=seed)
         light = np.full(shape, charge)
-        frames = np.stack([camera.expose(light, frame=number) for number in range(2 * pairs)]).astype(np.float64)
+        frames = np.stack([camera.read(light, frame=number) for number in range(2 * pairs)]).astype(np.float64)
         what = f"{charge:g} electrons"
         variance = (charge + READ_NOISE_E**2) / k**2 + 1 / 12
         halves = np.square(frames[::2] - frames[1::2]) / 2
@@ -57,7 +57,7 @@ def _check_dark(maker: DatasetMaker, quick: bool) -> Finding:
     for seed, read_e in enumerate(DARK_NOISE_E, start=1):
         sensor = replace(_sensor(), read_noise_e=read_e)
         camera = FrameCamera(sensor, shape, seed=seed)
-        frames = np.stack([camera.expose(light, frame=number) for number in range(2 * pairs)]).astype(np.float64)
+        frames = np.stack([camera.read(light, frame=number) for number in range(2 * pairs)]).astype(np.float64)
         variance = (read_e / sensor.electrons_per_level) ** 2 + 1 / 12
         halves, what = np.square(frames[::2] - frames[1::2]) / 2, f"read noise of {read_e:g} electrons"
         figures = 2 * len(DARK_NOISE_E)

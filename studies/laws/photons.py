@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from saf_gen.camera import get_sensor
-from saf_gen.camera.spad import SpadCamera, SpadSensor
-from saf_gen.camera.spad.sensor import detection_rate
+from saf_gen.camera.photons import SpadCamera, SpadSensor
+from saf_gen.camera.photons.sensor import detection_rate
 from studies.laws.law import FALSE_ALARM, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.workload import DatasetMaker
 

@@ -27,14 +27,14 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records, write_records
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.camera.frames import FrameSensor
-from saf_gen.camera.spad import SpadSensor
+from saf_gen.camera.photons import SpadSensor
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.files import check_writable, unwritable, write_text
 from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import drive_from_dict
-from saf_gen.stack.other_cameras import CAMERAS, find_camera, recapture
+from saf_gen.stack.recapture import CAMERAS, Recapture
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import open_stream
 from studies.ranking.cameras import SEED, interval
@@ -175,8 +175,8 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
         if isinstance(camera, FrameSensor):
             given = str(folder / "camera.yaml")
             write_text(Path(given), yaml.safe_dump({"kind": "frames", **camera.as_dict()}, sort_keys=False))
-        other = find_camera(given)
-        done = recapture(dataset, manifest.sequences, camera=other, target=judged, tell=print)
+        other = Recapture.by(given)
+        done = other.record_all(dataset, manifest.sequences, target=judged, tell=print)
         _refuse_failures(done.failed)
         other.finish(dataset, manifest, target=judged)
     kept, recorded = folder / RECORDS_FILE, {entry.content_sha256 for entry in read_manifest(judged).sequences}

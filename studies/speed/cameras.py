@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from saf_gen.camera import Encoder, get_sensor, knot_weights
+from saf_gen.camera.camera import LensCourse, Span
 from saf_gen.camera.frames import FrameCamera
-from saf_gen.camera.spad import SpadCamera
-from saf_gen.stack.frame_capture import expose_light
+from saf_gen.camera.photons import SpadCamera
 from studies.speed import synthetic
 from studies.speed.bench import Figure, Size, main, shape_text
 
@@ -83,20 +83,21 @@ def _frames(name: str, charge: np.ndarray) -> tuple[float, Callable[[float], Non
     """Return the rate of a frame camera, and its recording, which follows the lens through each exposure."""
     sensor, shape, positions = get_sensor(name, kind="frames"), (charge.shape[2], charge.shape[3]), charge.shape[1]
     scale = WELL * sensor.full_well_e / sensor.exposure_s / float(charge.mean())
-    source: Any = SimpleNamespace(  # light as a recording has it, without a folder of stacks
-        time_stack=SimpleNamespace(is_moving=False, specs=[SimpleNamespace(positions=positions)]),
+    light: Any = SimpleNamespace(  # as a recording has it, without a folder of stacks
+        hz=1.0,
         scale=scale,
-        stack=lambda run, knots: np.concatenate([charge[:, knots.start : knots.stop]]),
+        knots=positions,
+        slices_s=(0.0,),
+        lamps=[lambda at: at],
+        charge=lambda span, knots: np.concatenate([charge[:, knots.start : knots.stop]]),
     )
 
     def record(seconds: float) -> None:
         camera = FrameCamera(sensor, shape, seed=1)
-        for frame in range(max(round(seconds * sensor.readout_hz), 1)):
-            light = expose_light(
-                source, [lambda at: at], begin_s=np.array([frame / sensor.readout_hz]), exposure_s=sensor.exposure_s,
-                position=lambda at: np.minimum(at / seconds, 1.0),
-            )  # fmt: skip
-            camera.expose(light, frame=frame)
+        frames = max(round(seconds * sensor.readout_hz), 1)
+        lens = LensCourse(np.array([0.0, 1.0]), 1 / seconds, (np.array([0.0, seconds]), np.array([0.0, 1.0])))
+        for _ in camera.expose(light, Span(0, frames), lens=lens):
+            pass
 
     return sensor.readout_hz, record
 

@@ -14,7 +14,7 @@ from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.benchmark.view.clock import Clock
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
@@ -44,9 +44,9 @@ def capture(dataset):
 
 
 def start(capture, *, at=0.0, budget=800, actuator=IDEAL):
-    charge_source = capture.open_charge_source(capture.encoder_rows(WHOLE))
+    light = capture.open_light(capture.rows_for(WHOLE))
     return RunningCamera(
-        CapturedSpikes(capture, charge_source, region=WHOLE), get_measure("sd"), actuator=actuator,
+        CapturedReadouts(capture, light, region=WHOLE), get_measure("sd"), actuator=actuator,
         start=at, seed=1, budget=budget, clock=Clock(capture.sensor.readout_hz),
     )  # fmt: skip
 
@@ -102,8 +102,8 @@ def run(capture, search, **protocol):
     return run_method(capture, method(search), protocol=protocol)
 
 
-def run_method(capture, method, *, protocol=None, charge_source=None):
-    captured = CapturedSpikes(capture, charge_source or capture.open_charge_source(), region=WHOLE)
+def run_method(capture, method, *, protocol=None, light=None):
+    captured = CapturedReadouts(capture, light or capture.open_light(), region=WHOLE)
     return run_closed_loop(captured, method, protocol=protocol or ClosedLoopProtocol(IDEAL))
 
 
@@ -111,7 +111,7 @@ def test_the_camera_sees_the_stack_at_the_position_of_the_lens(capture):
     """The SD of 320 frames at the truth equals that of a recording made there, and is smaller away from it."""
     sharp = start(capture, at=capture.truth.position).score(0, 320)
     blurred = start(capture).score(0, 320)
-    captured = CapturedSpikes(capture, capture.open_charge_source(), region=WHOLE)
+    captured = CapturedReadouts(capture, capture.open_light(), region=WHOLE)
     captured.encode_until(320, np.full(800, capture.truth.position))
     assert sharp == get_measure("sd")(captured.window(0, 320))
     assert blurred < 0.9 * sharp
@@ -257,10 +257,10 @@ def ignore_errors(view):
     ],
 )
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
-    charge_source = capture.open_charge_source()
-    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: raises(error)(run))
+    light = capture.open_light()
+    monkeypatch.setattr(light.source, "encoder_inputs", lambda run, **options: raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
-        run_method(capture, method(search), charge_source=charge_source)
+        run_method(capture, method(search), light=light)
 
 
 def test_both_regions_are_seen(dataset):

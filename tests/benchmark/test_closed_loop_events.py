@@ -7,6 +7,7 @@ from itertools import pairwise
 import h5py
 import numpy as np
 import pytest
+import yaml
 from refusals import refusal
 
 import saf_gen
@@ -15,12 +16,12 @@ from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.benchmark.view import captured_events
-from saf_gen.benchmark.view.captured_events import CapturedEvents
 from saf_gen.benchmark.view.clock import clock_of
 from saf_gen.camera import get_sensor
+from saf_gen.camera.camera import LensCourse
 from saf_gen.optics.actuators import get_actuator
-from saf_gen.stack.event_capture import EventCapture, record_events
+from saf_gen.stack.light import record
+from saf_gen.stack.recapture import Recapture
 from saf_gen.stream.recordings import open_recording
 
 pytestmark = pytest.mark.slow
@@ -42,7 +43,7 @@ def recorded(captured_dataset, tmp_path_factory):
     for name in (*STILL, MOVING):
         path = folder / "test" / f"{name}.h5"
         with saf_gen.open_stream(captured_dataset / "test" / f"{name}.h5") as stream:
-            record_events(stream, captured_dataset / "stacks", sensor=get_sensor("davis346", kind="events"), path=path)
+            Recapture(get_sensor("davis346", kind="events")).record(stream, captured_dataset / "stacks", path=path)
         tasks[name] = SequenceTask(name, "test", "plane", None, path, None)
     return tasks
 
@@ -57,8 +58,13 @@ def logged_path(task):
         return stream.focus_position.astype(np.float64)
 
 
+class Pieces:
+    def __init__(self, pieces):
+        self.write = pieces.append
+
+
 def all_events(captured):
-    return tuple(np.concatenate(column) for column in zip(*captured._parts, strict=True))
+    return tuple(np.concatenate(column) for column in zip(*captured.held.parts, strict=True))
 
 
 @pytest.mark.parametrize("name", [*STILL, MOVING])
@@ -70,7 +76,6 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_events(recorded, name):
     """
     running = sequence(recorded[name])
     captured = running.make_captured()
-    assert isinstance(captured, CapturedEvents)
     frames = running.capture.frames // 8 * 8
     captured.encode_until(frames, logged_path(recorded[name]))
     with open_recording(recorded[name].path) as recording:
@@ -96,14 +101,9 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_events(recorded, name):
 def test_events_are_those_of_the_recording_where_cells_are_cut_alike(recorded, name):
     """Bit for bit, with one course for the whole recording, as a recording has."""
     running = sequence(recorded[name])
-    captured = running.make_captured()
-    frames, path = running.capture.frames // 8 * 8, logged_path(recorded[name])
-    middles = (np.arange(len(path)) + 0.5) / HZ
-    camera = captured._start()
+    frames, lens = running.capture.frames // 8 * 8, LensCourse(logged_path(recorded[name]), HZ)
     events = []
-    for run in running.capture.plane_source.time_stack.split_at_slices(0, frames):
-        course = camera.follow(lambda at: np.interp(at, middles, path), begin=run.begin, end=run.end)
-        events += camera.record(run, course)
+    record(running.light, running.capture.start_camera(), Pieces(events), lens=lens, frames=frames)
     with saf_gen.open_events(recorded[name].path) as file:
         wanted = file.events(0, file.seconds)
     for column in ("t", "x", "y", "p"):
@@ -139,18 +139,17 @@ def test_a_region_holds_the_events_that_the_whole_array_has_there(recorded):
     np.testing.assert_array_equal(counts[0][part.box], counts[1])
 
 
-def test_another_path_begins_anew_and_the_same_one_keeps_its_events(recorded, monkeypatch):
+def test_another_path_begins_anew_and_the_same_one_keeps_its_events(recorded):
     running = sequence(recorded[STILL[0]])
     shared, alone = running.make_captured(), running.make_captured()
     there = np.linspace(0, 1, 320)
     back = np.where(np.arange(320) < 160, there, there[159])
     shared.encode_until(320, there)
-    begun = []
-    monkeypatch.setattr(captured_events, "EventCapture", lambda *a, **k: begun.append(1) or EventCapture(*a, **k))
+    kept = shared.held.parts
     shared.encode_until(160, back)  # as far as that, it is the same path
-    assert not begun
+    assert shared.held.parts is kept
     shared.encode_until(320, back)
-    assert begun
+    assert shared.held.parts is not kept
     alone.encode_until(320, back)
     np.testing.assert_array_equal(shared.polarities(0, 320), alone.polarities(0, 320))
 
@@ -201,8 +200,8 @@ def test_the_command_judges_scenes_at_rest_and_moving(captured_dataset, tmp_path
     ("text", "words"),
     [
         (None, "does not say which camera recorded its events"),
-        ("", "does not say which camera recorded its events"),
-        ("{", "does not say which camera recorded its events"),
+        ("", "/provenance/event_sensor"),
+        ("{", "/provenance/event_sensor"),
         ("[1, 2]", "/provenance/event_sensor"),
         ("{}", "/provenance/event_sensor"),
         ('{"name": "davis346"}', "/provenance/event_sensor"),
@@ -217,7 +216,7 @@ def test_a_file_that_does_not_say_which_camera_recorded_it_is_refused(recorded, 
     (tmp_path / "stacks").symlink_to(task.path.parent.parent / "stacks", target_is_directory=True)
     path.write_bytes(task.path.read_bytes())
     with h5py.File(path, "r+") as file:
-        stated = json.loads(file["provenance/event_sensor"].asstr()[()])
+        stated = yaml.safe_load(file["provenance/event_sensor"].asstr()[()])
         del file["provenance/event_sensor"]
         if text is not None:
             key, _, value = text.partition("=")

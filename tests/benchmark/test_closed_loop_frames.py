@@ -13,11 +13,10 @@ from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
-from saf_gen.benchmark.view.captured_exposures import CapturedExposures
 from saf_gen.benchmark.view.clock import LENS_HZ, clock_of
 from saf_gen.camera import get_sensor
 from saf_gen.optics.actuators import get_actuator
-from saf_gen.stack.frame_capture import record_frames
+from saf_gen.stack.recapture import Recapture
 from saf_gen.stream.frame_file import open_frames
 
 pytestmark = pytest.mark.slow
@@ -38,7 +37,7 @@ def record(dataset, folder, name, **changes):
         (folder / "stacks").symlink_to(dataset / "stacks", target_is_directory=True)
     sensor = get_sensor("imx273", kind="frames", **{"exposure_s": 4e-4} | changes)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
-        record_frames(stream, dataset / "stacks", sensor=sensor, share=None, path=path)
+        Recapture(sensor, chosen=False).record(stream, dataset / "stacks", path=path)
     return SequenceTask(name, "test", "plane", None, path, None)
 
 
@@ -53,7 +52,6 @@ def test_a_lens_on_the_recorded_path_gives_the_recorded_frames(captured_dataset,
     task = record(captured_dataset, tmp_path, name)
     running = sequence(task)
     captured, clock = running.make_captured(), clock_of(running.capture)
-    assert isinstance(captured, CapturedExposures)
     with saf_gen.open_stream(captured_dataset / "test" / f"{name}.h5") as spikes, open_frames(task.path) as recorded:
         readouts = (np.arange(recorded.shape[0] * clock.steps) + 0.5) / clock.lens_hz * spikes.readout_hz - 0.5
         path = np.interp(readouts, np.arange(spikes.shape[0]), spikes.focus_position.astype(float))

@@ -1,6 +1,7 @@
 """Events by polarity in a method's view: of a recording, in the closed loop, by a guest, and where there are none."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +13,8 @@ from saf_gen import get_search
 from saf_gen.benchmark.admission import admit_method, run_method
 from saf_gen.benchmark.conformance import check_search
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.view.captured_exposures import CapturedExposures
-from saf_gen.benchmark.view.captured_spikes import SpikePlanes
 from saf_gen.benchmark.view.clock import Clock
+from saf_gen.benchmark.view.held import HeldFrames, SpikePlanes
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
 from saf_gen.optics.actuators import get_actuator
@@ -132,7 +132,7 @@ def test_windows_that_are_none_are_refused_as_those_of_counts(recorded, first, s
 def test_what_has_no_polarity_says_so_in_a_line(tmp_path):
     stores = [
         WindowCounts(InMemory(100, 3, 4)), SpikePlanes(np.zeros((4, 3, 4), np.uint8)),
-        CapturedExposures.__new__(CapturedExposures),
+        HeldFrames(SimpleNamespace(sensor=None), (slice(0, 3), slice(0, 4))),
     ]  # fmt: skip
     for store in stores:
         assert "this camera has no events, and so no polarities" in str(refusal(store.polarities, 0, 8))

@@ -110,8 +110,8 @@ def make_sequence() -> ClosedLoopSequence:
     """Return a sequence of that capture with a box where methods look."""
     capture, box = make_capture(), (slice(4, 20), slice(2, 28))
     task = SequenceTask("a", "test", "board", "ramp", Path("a.h5"), None)
-    charge_source = capture.open_charge_source(capture.encoder_rows(box))
-    return ClosedLoopSequence(task, capture, box, "target", charge_source, "")
+    light = capture.open_light(capture.rows_for(box))
+    return ClosedLoopSequence(task, capture, box, "target", light, "")
 
 
 def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):

@@ -9,7 +9,6 @@ from scipy import stats
 
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.camera.frames import FrameCamera, FrameSensor
-from saf_gen.camera.frames.sensor import exposure_for
 
 SHAPE = (60, 80)
 QUIET = {"shot": False, "read": False, "dark": False, "response": False}
@@ -22,7 +21,7 @@ def sensor_of(**changes) -> FrameSensor:
 
 def frames(sensor, charge, *, count=40, seed=1):
     camera = FrameCamera(sensor, SHAPE, seed=seed)
-    return np.stack([camera.expose(np.full(SHAPE, float(charge)), frame=n) for n in range(count)]).astype(np.float64)
+    return np.stack([camera.read(np.full(SHAPE, float(charge)), frame=n) for n in range(count)]).astype(np.float64)
 
 
 @pytest.mark.parametrize("charge", [0.0, 10.0, 500.0, 7000.0])
@@ -121,18 +120,18 @@ def test_a_frame_is_the_same_whatever_was_exposed_before():
     noisy = sensor_of(noise=dict.fromkeys(QUIET, True))
     first, second = FrameCamera(noisy, SHAPE, seed=5, device_seed=7), FrameCamera(noisy, SHAPE, seed=5, device_seed=7)
     charge = np.full(SHAPE, 900.0)
-    first.expose(charge, frame=0)
-    np.testing.assert_array_equal(first.expose(charge, frame=1), second.expose(charge, frame=1))
-    other = FrameCamera(noisy, SHAPE, seed=6, device_seed=7).expose(charge, frame=1)
-    assert (other != second.expose(charge, frame=1)).mean() > 0.5
+    first.read(charge, frame=0)
+    np.testing.assert_array_equal(first.read(charge, frame=1), second.read(charge, frame=1))
+    other = FrameCamera(noisy, SHAPE, seed=6, device_seed=7).read(charge, frame=1)
+    assert (other != second.read(charge, frame=1)).mean() > 0.5
 
 
 def test_an_exposure_is_chosen_for_the_light():
     sensor = sensor_of()
-    assert exposure_for(np.array([5e6, 15e6]), sensor).exposure_s == pytest.approx(0.5 * 10_500 / 1e7)
-    assert exposure_for(np.array([1.0]), sensor).exposure_s == pytest.approx(1 / sensor.readout_hz)
-    assert exposure_for(np.array([0.0]), sensor).exposure_s == pytest.approx(1 / sensor.readout_hz)
-    assert exposure_for(np.array([1e15]), sensor).exposure_s == sensor.shortest_exposure_s
+    assert sensor.exposed_for(np.array([5e6, 15e6])).exposure_s == pytest.approx(0.5 * 10_500 / 1e7)
+    assert sensor.exposed_for(np.array([1.0])).exposure_s == pytest.approx(1 / sensor.readout_hz)
+    assert sensor.exposed_for(np.array([0.0])).exposure_s == pytest.approx(1 / sensor.readout_hz)
+    assert sensor.exposed_for(np.array([1e15])).exposure_s == sensor.shortest_exposure_s
 
 
 @pytest.mark.parametrize(
@@ -159,9 +158,9 @@ def test_what_no_frame_camera_can_be_is_refused(changes, words):
 def test_unknown_cameras_and_wrong_light_are_refused():
     assert "did you mean 'imx273'?" in str(refusal(get_sensor, "imx237", kind="frames"))
     camera = FrameCamera(sensor_of(), SHAPE, seed=1)
-    assert "shape" in str(refusal(camera.expose, np.zeros((3, 3)), frame=0))
+    assert "shape" in str(refusal(camera.read, np.zeros((3, 3)), frame=0))
     for wrong in (-1.0, np.nan, np.inf):
-        assert "negative or not finite" in str(refusal(camera.expose, np.full(SHAPE, wrong), frame=0))
+        assert "negative or not finite" in str(refusal(camera.read, np.full(SHAPE, wrong), frame=0))
     assert "the array's shape" in str(refusal(FrameCamera, sensor_of(), (0, 5), seed=1))
     assert sensor_names("frames") == ["imx273"]
     assert replace(sensor_of(), bits=8, black_level_dn=15).levels == 255

@@ -6,7 +6,8 @@ import yaml
 from small_dataset import HERE
 
 from saf_gen.camera import sensor_names
-from saf_gen.camera.sensor_files import FOLDER, KINDS, implausible_keys, nominal_keys, read_sensor, sensor_text
+from saf_gen.camera.kinds import kinds_of_cameras
+from saf_gen.camera.sensor_files import FOLDER, implausible_keys, nominal_keys, read_sensor, sensor_text
 
 SMALL = HERE / "small_sensor.yaml"
 
@@ -14,13 +15,13 @@ SMALL = HERE / "small_sensor.yaml"
 def test_every_sensor_is_listed_with_its_kind_its_array_and_nominal_keys(call):
     code, shown, _ = call("sensors", "list")
     assert code == 0
-    for kind in KINDS:
+    for kind in kinds_of_cameras():
         for name in sensor_names(kind):
             line = next(line for line in shown.splitlines() if f" {name} " in line)
             sensor = read_sensor(name)
             assert f" {kind} " in line
             assert f"{sensor.columns}×{sensor.rows}" in line
-    assert sorted(name for kind in KINDS for name in sensor_names(kind)) == sensor_names()
+    assert sorted(name for kind in kinds_of_cameras() for name in sensor_names(kind)) == sensor_names()
     assert nominal_keys(sensor_text("vidar_400x250"))[:2] == ["threshold_e", "quantum_efficiency"]
     assert nominal_keys(sensor_text("ideal")) == []
 

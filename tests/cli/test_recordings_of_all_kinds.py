@@ -9,7 +9,7 @@ from refusals import refusal
 from saf_gen import SpikeWindows
 from saf_gen.benchmark.records import read_records
 from saf_gen.stream.event_file import EventColumns, EventWriter
-from saf_gen.stream.frame_file import write_frames
+from saf_gen.stream.frame_file import FrameWriter
 from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_writer import write_stream
 
@@ -42,8 +42,10 @@ def write(kind, path):
     if kind == "events":
         write_events(path, light)
     elif kind == "frames":
-        frames = (4000 * rate).astype(np.uint16)
-        write_frames(path, iter(frames), shape=SHAPE, readout_hz=HZ, black_level_dn=0, metadata=Metadata(**METADATA))
+        options = {"shape": SHAPE, "readout_hz": HZ, "black_level_dn": 0, "metadata": Metadata(**METADATA)}
+        with FrameWriter(path, **options) as writer:
+            for frame in (4000 * rate).astype(np.uint16):
+                writer.write(frame)
     else:
         write_stream(path, light, readout_hz=HZ, kind=kind, **METADATA)
     return path

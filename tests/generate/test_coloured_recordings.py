@@ -12,7 +12,7 @@ from small_dataset import SCENES, SMALL_RECIPE
 from written_scenes import needs_llvm
 
 import saf_gen
-from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.resolve import recipe_fingerprint, resolve_recipe
 from saf_gen.stack.capture import Capture
@@ -56,7 +56,7 @@ def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path,
             truths[path.stem] = stream.truth
             capture = Capture.from_stream(stream, folder / "stacks")
             whole = (slice(0, stream.shape[1]), slice(0, stream.shape[2]))
-            frames = CapturedSpikes(capture, capture.open_charge_source(), region=whole)
+            frames = CapturedReadouts(capture, capture.open_light(), region=whole)
             frames.encode_until(400, np.asarray(stream.focus_position, np.float64))
             assert np.array_equal(frames.window(0, 400), stream.counts(0, 400))
             names, gain = stream.light_names, stream.gain

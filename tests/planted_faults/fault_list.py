@@ -18,7 +18,7 @@ RENDERED = (
     EACH_LAW,
 )
 """Tests that render, which takes long and needs LLVM."""
-COMPILED = ("camera.encoder_kernel", "camera.events.kernel", "camera.spad.kernel")
+COMPILED = ("camera.encoder_kernel", "camera.events.kernel", "camera.photons.kernel")
 """Modules that take long to compile."""
 
 
@@ -352,7 +352,7 @@ FAULTS = {
     ),
     "pixels forget": Fault(
         "The pixels of a running event camera begin anew each time that a method looks.",
-        (Change("benchmark.view.captured_events", "in self._camera.record(run,", "in self._start().record(run,"),),
+        (Change("benchmark.view.captured", "in self._camera.expose(", "in self._start().expose("),),
         (
             "benchmark/test_closed_loop_events.py::test_events_do_not_depend_on_how_often_a_method_looks",
             "benchmark/test_closed_loop_events.py::test_a_lens_on_the_recorded_path_gives_the_recorded_events",
@@ -368,7 +368,7 @@ FAULTS = {
     ),
     "dead time ignored": Fault(
         "A single-photon pixel that recharges itself can fire again at once.",
-        (Change("camera.spad.sensor", "self.dead_time_s * self.readout_hz", "0.0 * self.readout_hz"),),
+        (Change("camera.photons.sensor", "self.dead_time_s * self.readout_hz", "0.0 * self.readout_hz"),),
         (
             "camera/test_spad.py::test_in_the_brightest_light_a_pixel_fires_once_per_dead_time",
             "camera/test_spad.py::test_dead_time_is_stated_in_frames",
@@ -376,7 +376,7 @@ FAULTS = {
     ),
     "dead time of half": Fault(
         "A single-photon pixel is blind for half of its dead time.",
-        (Change("camera.spad.kernel", "now += dead\n", "now += 0.5 * dead\n"),),
+        (Change("camera.photons.kernel", "now += dead\n", "now += 0.5 * dead\n"),),
         (
             "camera/test_spad.py::test_dead_time_empties_frames_as_a_renewal_process_does",
             f"{EACH_LAW}[photons_dead_time]",
@@ -384,7 +384,7 @@ FAULTS = {
     ),
     "gate ignored": Fault(
         "A single-photon array collects light while its gate is closed.",
-        (Change("camera.spad.camera", "weight * np.float32(sensor.gate)", "weight * np.float32(1.0)"),),
+        (Change("camera.photons.camera", "weight * np.float32(sensor.gate)", "weight * np.float32(1.0)"),),
         (
             "camera/test_spad.py::test_a_shorter_gate_detects_as_many_fewer",
             "stack/test_recapture.py::test_as_many_photons_are_detected_as_the_light_has",
@@ -392,7 +392,7 @@ FAULTS = {
     ),
     "dark counts behind the gate": Fault(
         "A single-photon array counts dark counts for the whole frame, also while its gate is closed.",
-        (Change("camera.spad.sensor", "self.dark_hz * self.gate / self", "self.dark_hz / self"),),
+        (Change("camera.photons.sensor", "self.dark_hz * self.gate / self", "self.dark_hz / self"),),
         (
             "camera/test_spad.py::test_dark_counts_come_only_while_the_gate_is_open",
             "camera/test_spad.py::test_dark_counts_add_to_the_photons_of_the_open_gate",
@@ -418,9 +418,7 @@ FAULTS = {
         "A rolling shutter begins with the last row.",
         (
             Change(
-                "stack.frame_capture",
-                "np.arange(sensor.rows) * sensor.row_s",
-                "np.arange(sensor.rows)[::-1] * sensor.row_s",
+                "camera.frames.sensor", "np.arange(self.rows) * self.row_s", "np.arange(self.rows)[::-1] * self.row_s"
             ),
         ),
         (

@@ -13,7 +13,7 @@ import saf_gen
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.camera import Encoder
 from saf_gen.generate.resolve import resolve_recipe
@@ -47,7 +47,7 @@ def test_the_same_lens_sees_the_same_spikes_and_intervals(dataset, name, region)
         capture = Capture.from_stream(stream, dataset / "stacks")
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         position = lens_positions(motion, capture.frames, readout_hz=stream.readout_hz)
-        frames = CapturedSpikes(capture, capture.open_charge_source(capture.encoder_rows(region)), region=region)
+        frames = CapturedReadouts(capture, capture.open_light(capture.rows_for(region)), region=region)
         for stop in (8, 96, 800):  # in any pieces
             frames.encode_until(stop, position)
         for first, last in ((0, 800), (3, 5), (90, 210)):
@@ -67,14 +67,14 @@ def test_runs_share_what_was_encoded_as_far_as_their_lenses_went_the_same_way(da
     monkeypatch.setattr(
         Encoder, "encode", lambda self, **inputs: (encoded.append(len(inputs["index"])), encode(self, **inputs))[1]
     )
-    shared = CapturedSpikes(capture, capture.open_charge_source(), region=WHOLE)
+    shared = CapturedReadouts(capture, capture.open_light(), region=WHOLE)
     for position, stop, expected in (
         (first, 480, 480), (first, 240, 0), (first, 640, 160), (other, 400, 0), (other, 408, 408), (first, 640, 640),
     ):  # fmt: skip
         encoded.clear()
         shared.encode_until(stop, position)
         assert sum(encoded) == expected
-        separate = CapturedSpikes(capture, capture.open_charge_source(), region=WHOLE)
+        separate = CapturedReadouts(capture, capture.open_light(), region=WHOLE)
         separate.encode_until(stop, position)
         for window in ((0, stop), (stop - 60, stop - 3)):
             assert np.array_equal(shared.window(*window), separate.window(*window))
@@ -86,7 +86,7 @@ def test_frames_go_on_after_a_stack_that_could_not_be_read(dataset, monkeypatch)
     position = np.linspace(0, 1, 800)
     with saf_gen.open_stream(dataset / "test" / "plane-dynamic-lamp_only-00.h5") as stream:
         capture = Capture.from_stream(stream, dataset / "stacks")
-    shared, separate = (CapturedSpikes(capture, capture.open_charge_source(), region=WHOLE) for _ in range(2))
+    shared, separate = (CapturedReadouts(capture, capture.open_light(), region=WHOLE) for _ in range(2))
     inputs = ChargeSource.encoder_inputs
 
     def fail_late(self, run, **options):
@@ -179,7 +179,7 @@ def test_slices_of_its_own_are_captured_from_the_beginning(without_whole_slices,
         capture = Capture.from_stream(stream, folder / "stacks")
         assert (capture.frames, len(capture.gain)) == (400, 800)
         assert [spec.rendered_count for spec in capture.plane_source.time_stack.specs] == [9] * 6
-        frames = CapturedSpikes(capture, capture.open_charge_source(), region=WHOLE)
+        frames = CapturedReadouts(capture, capture.open_light(), region=WHOLE)
         motion = json.loads(stream.metadata.provenance["sequence"])["motion"]
         frames.encode_until(400, lens_positions(motion, 800, readout_hz=stream.readout_hz))
         # The same light, through other paths: as many spikes, not the same ones.

@@ -4,12 +4,13 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 from refusals import refusal
 
 import saf_gen
 from saf_gen.camera import get_sensor
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.event_capture import record_events
+from saf_gen.stack.recapture import Recapture
 
 pytestmark = pytest.mark.slow
 
@@ -37,7 +38,7 @@ def test_events_add_up_to_the_change_of_the_light(dataset, tmp_path, name):
     """Without imperfections, the sum of the events so far is never a threshold away from the logarithm of the light."""
     sensor = get_sensor("davis346", kind="events", dark_e_per_s=1e-3, noise=QUIET)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
-        record_events(stream, dataset / "stacks", sensor=sensor, path=tmp_path / "events.h5")
+        Recapture(sensor).record(stream, dataset / "stacks", path=tmp_path / "events.h5")
         light = logarithms(stream, dataset / "stacks")
         hz = stream.readout_hz
     with saf_gen.open_events(tmp_path / "events.h5") as events:
@@ -64,7 +65,7 @@ def test_the_command_records_resumes_and_repairs(dataset, tmp_path, call):
     assert path.read_bytes() == made
     with saf_gen.open_events(path) as events:
         digest = events.content_sha256
-        assert json.loads(events.metadata.provenance["event_sensor"])["name"] == "davis346"
+        assert yaml.safe_load(events.metadata.provenance["event_sensor"])["name"] == "davis346"
     damaged = bytearray(made)
     damaged[len(made) // 3] ^= 0xFF
     path.write_bytes(damaged)
@@ -106,7 +107,7 @@ def test_a_stream_in_the_way_is_not_overwritten(dataset, tmp_path, call):
 def test_a_stream_without_its_stacks_is_named(dataset, tmp_path):
     sensor = get_sensor("evk4", kind="events")
     with saf_gen.open_stream(dataset / "test/plane-constant-00.h5") as stream:
-        refusal(record_events, stream, tmp_path, sensor=sensor, path=tmp_path / "events.h5")
+        refusal(Recapture(sensor).record, stream, tmp_path, path=tmp_path / "events.h5")
     assert not (tmp_path / "events.h5").exists()
 
 

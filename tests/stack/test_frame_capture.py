@@ -9,10 +9,10 @@ import yaml
 from refusals import refusal
 
 import saf_gen
-from saf_gen.camera import get_sensor
+from saf_gen.camera import get_sensor, parse_sensor
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.frame_capture import record_frames
-from saf_gen.stack.recapture import light_integrals
+from saf_gen.stack.light import lamp_integrals
+from saf_gen.stack.recapture import Recapture
 from saf_gen.stream.recordings import open_recording
 
 pytestmark = pytest.mark.slow
@@ -27,11 +27,14 @@ def dataset(captured_dataset):
     return captured_dataset
 
 
-def record(dataset, name, path, *, share=None, **changes):
+def record(dataset, name, path, *, chosen=False, **changes):
+    """Record frames, and return the sensor as it was exposed."""
     fields = {"noise": QUIET, "readout_hz": HZ, "exposure_s": EXPOSURE_S, "bits": 16, "full_well_e": 1e6}
     sensor = get_sensor("imx273", kind="frames", **fields | changes)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
-        return record_frames(stream, dataset / "stacks", sensor=sensor, share=share, path=path)
+        Recapture(sensor, chosen).record(stream, dataset / "stacks", path=path)
+    with saf_gen.open_frames(path) as held:
+        return parse_sensor(held.metadata.provenance["sensor"], "", kind="frames")
 
 
 def electrons(dataset, name, begin_s, *, steps=2000):
@@ -40,7 +43,8 @@ def electrons(dataset, name, begin_s, *, steps=2000):
         capture = Capture.from_stream(stream, dataset / "stacks")
         source = capture.open_charge_source()
         groups = capture.plane_source.time_stack.specs[0].groups
-        integrals = light_integrals(stream, groups, duration_s=len(capture.gain) / stream.readout_hz)
+        duration_s, texts = len(capture.gain) / stream.readout_hz, stream.metadata.provenance
+        integrals = lamp_integrals(texts, groups, duration_s=duration_s, where=name)
         edges = begin_s + EXPOSURE_S * np.linspace(0, 1, steps + 1)
         light = np.stack([np.diff(integral(edges)) for integral in integrals], axis=1)
         lens, hz = stream.metadata.lens_position.astype(float), stream.readout_hz
@@ -55,9 +59,9 @@ def electrons(dataset, name, begin_s, *, steps=2000):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_frame_holds_the_light_of_its_exposure(dataset, tmp_path, name):
     """To a level, and 0.1 % for the steps of the lens; exposures of moving scenes here lie between two slices."""
-    frames, _, exposed = record(dataset, name, tmp_path / "frames.h5")
-    assert frames == 20
+    exposed = record(dataset, name, tmp_path / "frames.h5")
     with open_recording(tmp_path / "frames.h5") as held:
+        assert held.shape[0] == 20
         held.verify()
         for frame in (0, 7, 19):
             wanted = electrons(dataset, name, frame / HZ) / exposed.electrons_per_level
@@ -66,7 +70,7 @@ def test_a_frame_holds_the_light_of_its_exposure(dataset, tmp_path, name):
 
 def test_rows_of_a_rolling_shutter_are_exposed_one_after_the_other(dataset, tmp_path):
     row_s = 1e-5
-    _, _, exposed = record(dataset, NAMES[1], tmp_path / "frames.h5", shutter="rolling", row_s=row_s)
+    exposed = record(dataset, NAMES[1], tmp_path / "frames.h5", shutter="rolling", row_s=row_s)
     with open_recording(tmp_path / "frames.h5") as held:
         seen = held.counts(9, 10)
         for row in (0, 17, 39):
@@ -99,10 +103,10 @@ def test_the_truth_is_that_of_the_middle_of_each_exposure(dataset, tmp_path):
 
 
 def test_the_exposure_fills_half_of_the_well_of_the_target(dataset, tmp_path):
-    record(dataset, NAMES[0], tmp_path / "frames.h5", share=0.4, full_well_e=1e5)
+    record(dataset, NAMES[0], tmp_path / "frames.h5", chosen=True, full_well_e=1e5)
     with open_recording(tmp_path / "frames.h5") as held:
         best = held.counts(round(held.truth.frame), round(held.truth.frame) + 1)
-        assert best[held.truth.target].mean() == pytest.approx(0.4 * (65_535 - 240), rel=0.03)
+        assert best[held.truth.target].mean() == pytest.approx(0.5 * (65_535 - 240), rel=0.03)
 
 
 def test_windows_are_of_the_light_above_the_black_level_that_the_file_keeps(dataset, tmp_path, call):
@@ -224,8 +228,8 @@ def test_a_changed_number_is_found(dataset, tmp_path):
 def test_a_sequence_that_is_shorter_than_a_frame_is_refused(dataset, tmp_path):
     with saf_gen.open_stream(dataset / "test" / f"{NAMES[0]}.h5") as stream:
         sensor = get_sensor("imx273", kind="frames", readout_hz=2, exposure_s=0.3)
-        options = {"sensor": sensor, "share": None, "path": tmp_path / "frames.h5"}
-        assert "at least a frame" in str(refusal(record_frames, stream, dataset / "stacks", **options))
+        record, path = Recapture(sensor, chosen=False).record, tmp_path / "frames.h5"
+        assert "at least a frame" in str(refusal(record, stream, dataset / "stacks", path=path))
     assert not (tmp_path / "frames.h5").exists()
 
 

@@ -10,7 +10,7 @@ from refusals import refusal
 import saf_gen
 from saf_gen.camera import get_sensor, parse_sensor
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.recapture import record_photons
+from saf_gen.stack.recapture import Recapture
 
 pytestmark = pytest.mark.slow
 
@@ -23,10 +23,13 @@ def dataset(captured_dataset):
     return captured_dataset
 
 
-def record(dataset, name, path, *, rate=0.5, **changes):
+def record(dataset, name, path, **changes):
+    """Record photons, and return the sensor as it was exposed."""
     sensor = get_sensor("swissspad3", kind="photons", **{"noise": QUIET, "readout_hz": 50_000, **changes})
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
-        return record_photons(stream, dataset / "stacks", sensor=sensor, rate=rate, path=path)
+        Recapture(sensor).record(stream, dataset / "stacks", path=path)
+    with saf_gen.open_stream(path) as photons:
+        return parse_sensor(photons.metadata.provenance["sensor"], "", kind="photons")
 
 
 def photons_per_s(stream, stacks):
@@ -46,7 +49,7 @@ def test_as_many_photons_are_detected_as_the_light_has(dataset, tmp_path, name, 
 
     The slices of the moving scene are 200 frames apart, and 193.2 or 10 in the last two cases.
     """
-    _, _, exposed = record(dataset, name, tmp_path / "photons.h5", readout_hz=hz)
+    exposed = record(dataset, name, tmp_path / "photons.h5", readout_hz=hz)
     with saf_gen.open_stream(dataset / "test" / f"{name}.h5") as stream:
         light, ratio = photons_per_s(stream, dataset / "stacks"), hz / stream.readout_hz
     with saf_gen.open_stream(tmp_path / "photons.h5") as photons:
@@ -87,7 +90,7 @@ def test_a_running_array_sees_what_was_recorded(dataset, tmp_path, name):
     record(dataset, name, tmp_path / "photons.h5", noise={"dark": True, "response": True, "afterpulsing": True})
     with saf_gen.open_stream(tmp_path / "photons.h5") as photons:
         capture = Capture.from_stream(photons, dataset / "stacks")
-        source, camera = capture.open_charge_source(slice(5, 9)), capture.create_encoder(slice(5, 9))
+        source, camera = capture.open_charge_source(slice(5, 9)), capture.start_camera(slice(5, 9))
         position, parts = photons.metadata.lens_position, []
         for run in source.time_stack.split_at_slices(0, 800):
             parts.append(camera.encode(**source.encoder_inputs(run, position=position, gain=capture.gain)))
@@ -160,7 +163,7 @@ def test_the_dataset_is_judged_on_both_tracks_by_measures_without_the_law_of_spi
         (("--sensor", "swissspad3", "--exposure-us", "11"), "exposure_s is 1.1e-05"),
         (("--sensor", "swissspad3", "--exposure-us", "0"), "seconds"),
         (("--sensor", "swissspad3", "--exposure-us", "nan"), "seconds"),
-        (("--sensor", "davis346", "--exposure-us", "1"), "single-photon array"),
+        (("--sensor", "davis346", "--exposure-us", "1"), "exposed frame by frame"),
         (("--sensor", "nothing.yaml"), "nothing.yaml"),
         (("--sensor", "vidar_400x250"), "the sensor vidar_400x250 is of kind spikes"),
     ],
@@ -187,8 +190,8 @@ def test_photons_are_not_recorded_again(dataset, tmp_path):
     record(dataset, NAMES[0], tmp_path / "photons.h5")
     sensor = get_sensor("qvga_spad", kind="photons")
     with saf_gen.open_stream(tmp_path / "photons.h5") as photons:
-        again = {"sensor": sensor, "rate": 0.5, "path": tmp_path / "again.h5"}
-        assert "single-photon array" in str(refusal(record_photons, photons, dataset / "stacks", **again))
+        error = refusal(Recapture(sensor).record, photons, dataset / "stacks", path=tmp_path / "again.h5")
+        assert "no spike camera recorded it" in str(error)
     assert not (tmp_path / "again.h5").exists()
 
 

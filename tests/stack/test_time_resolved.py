@@ -9,7 +9,7 @@ from small_dataset import make_sequence
 
 import saf_gen
 from saf_gen.camera import Encoder, get_sensor
-from saf_gen.camera.spad import SpadCamera
+from saf_gen.camera.photons import SpadCamera
 from saf_gen.generate.record import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
@@ -87,7 +87,7 @@ def test_runs_cover_every_frame_once_and_never_cross_a_moment(cut):
     time_stack = plane_source(stacks()).time_stack
     frames = []
     for begin in range(0, FRAMES, cut):
-        for first, end, j in time_stack.split_at_slices(begin, min(begin + cut, FRAMES)):
+        for first, end, j, _ in time_stack.split_at_slices(begin, min(begin + cut, FRAMES)):
             assert AT[j] <= first < end <= AT[j + 1]
             assert first % 8 == 0
             frames += range(first, end)
@@ -115,7 +115,7 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
     charge_source.scale = 3.0
     gain = np.stack([np.linspace(1, 2, FRAMES), np.linspace(1, 0, FRAMES)], axis=1)
     for run in charge_source.time_stack.split_at_slices(0, FRAMES):
-        begin, end, _ = run
+        begin, end = run[:2]
         stack, index, fraction, weights = charge_source.encoder_inputs(run, position=SWEEP, gain=gain).values()
         for t in range(0, end - begin, 37):
             k, f = index[t], fraction[t]

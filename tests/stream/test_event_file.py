@@ -11,10 +11,11 @@ from text_heap import break_text_heap
 
 import saf_gen
 from saf_gen.errors import BadInput
-from saf_gen.stream.event_file import CHUNK, COLUMNS, EventColumns, EventFile, EventWriter, has_events, intact_digest
+from saf_gen.stream.event_file import CHUNK, COLUMNS, EventColumns, EventFile, EventWriter, has_events
 from saf_gen.stream.full_disk import ErrorRecordingFile
 from saf_gen.stream.manifest import Manifest, SequenceEntry, write_manifest
 from saf_gen.stream.metadata import Metadata, Truth
+from saf_gen.stream.recordings import recording_of
 
 SHAPE = (4000, 6, 9)  # 0.2 s
 
@@ -128,7 +129,7 @@ def test_the_index_reaches_past_the_last_event_and_slices_add_up_to_all_of_them(
 def test_inspect_says_for_how_long_the_bus_was_full(tmp_path, call, full_s, words):
     with EventWriter(tmp_path / "a.h5", shape=SHAPE, readout_hz=20_000, metadata=Metadata()) as writer:
         writer.write(some_events())
-        writer.bus_full_s = full_s
+        writer.notes = {} if full_s is None else {"bus_full_s": f"{full_s:.6f}"}
     with saf_gen.open_events(tmp_path / "a.h5") as events:
         assert events.bus_full_s == full_s
     code, output, _ = call("inspect", tmp_path / "a.h5")
@@ -186,7 +187,7 @@ def test_a_changed_value_is_found(path, damage):
             events.verify()
 
     refusal(verify)
-    assert intact_digest(path, "") is None
+    assert recording_of(path, "", verify=True) is None
 
 
 GROWING = {"chunks": (CHUNK,), "maxshape": (None,)}

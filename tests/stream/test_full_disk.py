@@ -9,8 +9,9 @@ import pytest
 LIMITS = (100, 600, 3_000, 6_000, 20_000, 40_000, 60_000)
 WRITE = {
     "frames": """
-frames = (random.integers(0, 4096, (40, 60), np.uint16) for _ in range(60))
-write_frames(path, frames, shape=(60, 40, 60), readout_hz=500, black_level_dn=240, metadata=metadata)
+with FrameWriter(path, shape=(60, 40, 60), readout_hz=500, black_level_dn=240, metadata=metadata) as writer:
+    for _ in range(60):
+        writer.write(random.integers(0, 4096, (40, 60), np.uint16))
 """,
     "events": """
 n = 60_000
@@ -35,7 +36,7 @@ import resource, signal
 import numpy as np
 from saf_gen.errors import BadInput
 from saf_gen.stream.event_file import EventColumns, EventWriter
-from saf_gen.stream.frame_file import write_frames
+from saf_gen.stream.frame_file import FrameWriter
 from saf_gen.stream.full_disk import ErrorRecordingFile
 from saf_gen.stream.metadata import Metadata, Truth
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -16,10 +16,11 @@ from saf_gen.addons.live.source import SENSOR, open_capture
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.captured_spikes import SpikePlanes
 from saf_gen.benchmark.view.clock import PACKET_FRAMES
+from saf_gen.benchmark.view.held import SpikePlanes
 from saf_gen.benchmark.view.operations import OPERATIONS_PER_S
 from saf_gen.benchmark.view.running_camera import REST_TOLERANCE
+from saf_gen.camera.camera import LensCourse, Span
 from saf_gen.core import bits
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.core.seeds import derive_seed
@@ -30,7 +31,7 @@ from saf_gen.plugins.lights import PRODUCT, build_light, gains_at_readouts
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
-from saf_gen.stack.time_resolved import FrameRun
+from saf_gen.stack.light import SceneLight
 from saf_gen.stream.interval_texture import window_time_texture
 from saf_gen.stream.measure_input import Form, WindowSource, measure_input, wanted_form
 
@@ -132,6 +133,8 @@ class LiveCamera:
     ) -> None:
         self._actuator = get_actuator(actuator)
         capture = source if isinstance(source, Capture) else open_capture(source, sensor=sensor)
+        if capture.camera.form != "bits":
+            raise BadInput(f"{capture.sensor.name} reads out {capture.camera.form}", allowed="a camera of bits")
         self.capture = capture if seed is None else replace(capture, seed=seed)
         self.readout_hz, self._threads = float(capture.sensor.readout_hz), threads
         lamps, groups = capture.colour, capture.plane_source.time_stack.specs[0].groups
@@ -166,12 +169,12 @@ class LiveCamera:
             box: Region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
             if name == "target" and target is not None and target.any():
                 box = bounding_box(target)
-            rows = capture.encoder_rows(box)
+            rows = capture.rows_for(box)
             if name not in self._sources:
                 self._sources[name] = capture.open_charge_source(rows)
             if self._starts:
                 capture = replace(capture, seed=derive_seed(capture.seed, "live", self._starts))
-            self._encoder = capture.create_encoder(rows, threads=self._threads)
+            self._sensor_array = capture.start_camera(rows, threads=self._threads)
             self._inside = slice(box[0].start - rows.start, box[0].stop - rows.start), box[1]
             self._region, self._box, self._charge = name, box, self._sources[name]
             self._starts, self._window = self._starts + 1, None
@@ -405,11 +408,11 @@ class LiveCamera:
         self._where = float(positions[-1])
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=2)
 
-    def _split(self, begin: int, frames: int) -> Iterator[tuple[FrameRun, int]]:
+    def _split(self, begin: int, frames: int) -> Iterator[tuple[Span, int]]:
         """Yield the runs of the recording's scene that the next frames see, and how many frames are before each."""
         stack, done = self.capture.plane_source.time_stack, 0
         if not stack.is_moving:
-            yield FrameRun(0, frames, 0), 0
+            yield Span(0, frames, 0), 0
             return
         while done < frames:
             first = (begin + done) % self._scene_frames
@@ -417,11 +420,12 @@ class LiveCamera:
                 yield run, done
                 done += run.end - run.begin
 
-    def _encode(self, run: FrameRun, done: int, *, positions: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    def _encode(self, run: Span, done: int, *, positions: np.ndarray, gains: np.ndarray) -> np.ndarray:
         stop = done + run.end - run.begin
         position = np.concatenate([np.zeros(run.begin), positions[done:stop]])
         gain = np.concatenate([np.ones((run.begin, gains.shape[1])), gains[done:stop]])
-        spikes: np.ndarray = self._encoder.encode(**self._charge.encoder_inputs(run, position=position, gain=gain))
+        light, lens = SceneLight(self._charge, gain), LensCourse(position, self.readout_hz)
+        spikes = np.concatenate(list(self._sensor_array.expose(light, run, lens=lens)), axis=2)
         return spikes[self._inside]
 
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from saf_gen.addons.live.camera import MAX_READ_FRAMES, REGIONS, LiveCamera
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS
-from saf_gen.camera.bit_cameras import mean_rate
+from saf_gen.camera.exposure import firing_rate
+from saf_gen.camera.photons.sensor import SpadSensor, detection_rate
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.plugins.measures import measure_names
@@ -68,9 +69,9 @@ class LiveRoom:
         self._method: threading.Thread | None = None
         self._stop = threading.Event()
         self._said = ""
-        truth, sensor = camera.true_focus, camera.capture.bit_sensor
+        truth, sensor = camera.true_focus, camera.capture.sensor
         in_focus = camera.nominal_charge(truth if np.isfinite(truth) else 0.5)
-        self._white = white_level(mean_rate(in_focus, sensor))
+        self._white = white_level(_mean_rate(in_focus, sensor))
         """Spikes per readout that are shown as white: of the brightest pixels, in focus, with all lamps at gain 1."""
 
     def picture(self, asked: Mapping[str, Any]) -> bytes:
@@ -194,6 +195,13 @@ class LiveRoom:
         """Return the grey value of each number of spikes in a window; lamps do not move the white level."""
         counts = np.arange(frames + 1)
         return np.rint(255 * display_gamma(counts, frames * self._white)).astype(np.uint8)
+
+
+def _mean_rate(charge: np.ndarray, sensor: Any) -> np.ndarray:
+    """Return the ones per readout of a pixel at a constant mean charge per readout, which is counted in photons."""
+    if isinstance(sensor, SpadSensor):
+        return detection_rate(charge * sensor.gate, sensor)
+    return firing_rate(charge, sensor)
 
 
 class LiveServer(ThreadingHTTPServer):

@@ -28,7 +28,7 @@ from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_s
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
@@ -36,8 +36,8 @@ from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.parts import Search, View, commands
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec
+from saf_gen.stack.light import SceneLight
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.metadata import Truth
 
@@ -140,14 +140,14 @@ def run_on_scene(
         If the benchmark would count the run as failed, or if the answer of a search that commands the lens is outside
         the travel or was given without a score.
     """
-    capture, charge_source = _make_capture(best, light, seed=seed)
+    capture, lit = _make_capture(best, light, seed=seed)
     camera = f"{actuator} and {frames:,} frames"
     checked = replace(
         method, measure=LimitedMeasure(method.measure, unit, limits), search=CheckedSearch(method.search, camera)
     )
     protocol = ClosedLoopProtocol(get_actuator(actuator), budget_s=frames / capture.sensor.readout_hz)
     region = slice(0, capture.sensor.rows), slice(0, capture.sensor.columns)
-    captured = CapturedSpikes(capture, charge_source, region=region, threads=1)
+    captured = CapturedReadouts(capture, lit, region=region, threads=1)
     run = run_closed_loop(captured, checked, protocol=protocol)
     if run.problem:
         raise CheckFailure(f"{run.problem}, with {camera}", "answer with a frame of the sweep, or abstain")
@@ -182,7 +182,7 @@ def _check_position(run: ClosedLoopRun) -> None:
 
 
 @lru_cache(maxsize=8)
-def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, ChargeSource]:
+def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, SceneLight]:
     scene = make_scene(best)
     _, positions, rows, columns = scene.radiance.shape
     spec = StackSpec(
@@ -205,7 +205,7 @@ def _make_capture(best: float, light: float, *, seed: int) -> tuple[Capture, Cha
     capture = Capture(
         PlaneSource.from_stack(stack), scene.sensor, gain, scene.exposure, seed, 1, Truth(position=best), len(gain)
     )
-    return capture, capture.open_charge_source()
+    return capture, capture.open_light()
 
 
 def commanding_checks(search: Search, limits: CheckLimits) -> dict[str, Check]:

@@ -23,14 +23,13 @@ from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run, r
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
-from saf_gen.benchmark.view.captured import Captured, choose_captured
-from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.captured import Captured, CapturedReadouts
 from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.core.region import Region, region_shape, validate_region
 from saf_gen.parts import commands
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.light import SceneLight
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recordings import Recording, open_recording
@@ -55,21 +54,18 @@ class ClosedLoopSequence:
         Where methods look; both ends of its slices are numbers.
     region : str
         Name of the box in records.
-    charge_source : ChargeSource
-        Charge of the rows that the box needs.
+    light : SceneLight
+        Light in the rows that the box needs.
     data : str
         content_sha256 of the stream, or a digest of stream and time slices if the recording has other time slices.
-    captured_by : callable
-        Makes an empty store for what the camera captures; see choose_captured.
     """
 
     task: SequenceTask
     capture: Capture
     box: Region
     region: str
-    charge_source: ChargeSource
+    light: SceneLight
     data: str
-    captured_by: Callable[..., Captured] = CapturedSpikes
 
     @classmethod
     def from_stream(cls, task: SequenceTask, stream: Recording, *, region: str) -> "ClosedLoopSequence":
@@ -84,12 +80,11 @@ class ClosedLoopSequence:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
         chosen, region_name = choose_region(stream, region)
         box = validate_region(chosen, stream.shape[1:])
-        captured_by, rows = choose_captured(stream, capture, region=box)
-        return cls(task, capture, box, region_name, capture.open_charge_source(rows), data, captured_by)
+        return cls(task, capture, box, region_name, capture.open_light(capture.rows_for(box)), data)
 
     def make_captured(self, *, threads: int | None = None) -> Captured:
         """Return an empty store for what the camera captures of the box, with ``threads``, by default one per core."""
-        return self.captured_by(self.capture, self.charge_source, region=self.box, threads=threads)
+        return CapturedReadouts(self.capture, self.light, region=self.box, threads=threads)
 
     def make_record(self, run: ClosedLoopRun, protocol: ClosedLoopProtocol, *, known: Mapping[str, Any]) -> Record:
         """Return the record of a run; ``known`` has the fields of the method and those of describe_sequence."""

@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -20,12 +20,11 @@ from saf_gen.camera import Sensor, parse_sensor
 from saf_gen.camera.exposed_sensor import OF_PLACE
 from saf_gen.camera.sensor_files import read_sensor, sensor_names
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
-from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
-from saf_gen.stream.metadata import Truth, sensor_kind
+from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.recordings import Recording
 
@@ -116,7 +115,7 @@ def describe_sequence(
         "mean_rate": float(mean_rate.mean()),
         "obstacle": obstacle,
         "light_ratio": light_ratio(gain),
-        "sensor": sensor_of(stream.metadata.provenance, kind=sensor_kind(stream)),
+        "sensor": sensor_of(stream.metadata.provenance, kind=stream.counted),
         "benchmark": benchmark_of(stream.metadata.provenance),
         "machine": describe_machine(),
         "rig": evaluator_version(track),
@@ -248,23 +247,8 @@ def sensor_of(provenance: Mapping[str, str], *, kind: str = "spikes") -> str | N
     If the numbers of the sensor differ from those of the registered sensor of that name, because a recipe changed them
     or because a user wrote the sensor file, six digits of their digest follow the name: ``vidar_400x250#1c2d3e``.
     """
-    if (text := provenance.get("event_sensor")) is not None:
-        return _event_name(text)
-    text = provenance.get("sensor")
+    text = provenance.get("event_sensor", provenance.get("sensor"))
     return None if text is None else _name(text, kind)
-
-
-@lru_cache(maxsize=64)
-def _event_name(text: str) -> str | None:
-    try:
-        found = load_plain_json(text)
-        name, numbers = str(found["name"]), {k: v for k, v in found.items() if k not in ("name", "sources")}
-    except (KeyError, TypeError, ValueError, AttributeError):  # not written by this package
-        return None
-    shipped = asdict(read_sensor(name)) if name in sensor_names("events") else {}
-    if numbers == {k: v for k, v in shipped.items() if k not in ("name", "sources")}:
-        return name
-    return f"{name}#{hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:6]}"
 
 
 @lru_cache(maxsize=64)
@@ -286,7 +270,7 @@ def _digest(sensor: Any) -> str:
     """
     numbers = sensor.as_dict()
     for key in ("name", "sources", *(() if isinstance(sensor, Sensor) else (*OF_PLACE, "exposure_s"))):
-        del numbers[key]
+        numbers.pop(key, None)
     return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
 

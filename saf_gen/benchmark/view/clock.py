@@ -3,10 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from saf_gen.camera.frames import FrameSensor
 from saf_gen.errors import BadInput
 from saf_gen.stack.capture import Capture
-from saf_gen.stack.frame_capture import row_starts_s
 
 PACKET_FRAMES = 8
 """Number of readouts that a camera of bits delivers at once."""
@@ -49,19 +47,19 @@ class Clock:
 def clock_of(capture: Capture) -> Clock:
     """Return how time passes for the camera of a capture.
 
-    A frame camera delivers frame by frame, each with the lens where it is amid the exposure. Raises BadInput if a row
-    of it is still exposed when the next frame begins.
+    A camera of frames delivers frame by frame, each with the lens where it is amid the exposure. Raises BadInput if a
+    row of it is still exposed when the next frame begins.
     """
     sensor = capture.sensor
-    if not isinstance(sensor, FrameSensor):
+    if capture.camera.form != "frames":
         return Clock(sensor.readout_hz)
-    starts_s, hz = row_starts_s(sensor), sensor.readout_hz
-    if (ends_s := float(starts_s[-1]) + sensor.exposure_s) > (1 + 1e-9) / hz:
+    readouts = sensor.readouts((capture.frames + 1) / sensor.readout_hz)
+    rows_s, hz = readouts.rows_s, readouts.hz
+    if (ends_s := float(rows_s[-1]) + readouts.open_s) > (1 + 1e-9) / hz:
         raise BadInput(
             f"the last row of {sensor.name} is exposed until {ends_s * 1e3:.4g} ms after a frame begins",
             allowed=f"{1e3 / hz:.4g} ms, the time of a frame, in the closed loop",
             hint="choose a shorter exposure, or use --track recorded",
         )
     steps = math.ceil(LENS_HZ / hz)
-    middle_s = float(starts_s.mean()) + sensor.exposure_s / 2
-    return Clock(hz, packet=1, steps=steps, moment=min(int(middle_s * hz * steps), steps - 1))
+    return Clock(hz, packet=1, steps=steps, moment=min(int(readouts.middle_s * hz * steps), steps - 1))

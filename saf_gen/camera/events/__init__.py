@@ -4,3 +4,5 @@ from saf_gen.camera.events.camera import EventCamera, encode_events
 from saf_gen.camera.events.sensor import EventSensor
 
 __all__ = ["EventCamera", "EventSensor", "encode_events"]
+
+CAMERA = EventCamera

@@ -1,12 +1,14 @@
 """Recording of events: what a chip reads out of the crossings that its pixels see."""
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from saf_gen.camera.camera import Camera, LensCourse, Light, Span
 from saf_gen.camera.course import LightCourse
 from saf_gen.camera.events.kernel import EXPONENTIALS, TICK_S, read_out, record_pixels, record_queue
 from saf_gen.camera.events.sensor import EventSensor
@@ -16,6 +18,7 @@ from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.core.signals import validate_signal
 from saf_gen.errors import BadInput
 
+BLOCK_CELLS = 400  # a tenth of a second of even light; memory grows with the events of a block
 ROOM = 1 << 20  # events that a thread collects before it hands them over
 
 
@@ -74,7 +77,7 @@ def encode_events(light: np.ndarray, sensor: EventSensor | str, *, seconds: floa
     return EventCamera(sensor, light.shape[1:], seed=seed).record(light[None], course)
 
 
-class EventCamera:
+class EventCamera(Camera):
     """An event camera that records course after course and keeps the state of every pixel in between.
 
     The events depend neither on the division into courses at the edges of cells nor on the number of threads: those
@@ -90,6 +93,8 @@ class EventCamera:
         Seed of the noise.
     device_seed : int, optional
         Seed of what differs between pixels; by default ``seed``.
+    rows : slice, optional
+        Not used: pixels share a readout, so that all rows are recorded.
     threads : int, optional
         Number of threads; by default one per core that this process may use.
 
@@ -104,6 +109,8 @@ class EventCamera:
         If ``shape`` is not two numbers of at least 1.
     """
 
+    sensor_type, form, model, block = EventSensor, "events", 2, 1 << 62
+
     def __init__(
         self,
         sensor: EventSensor,
@@ -111,6 +118,7 @@ class EventCamera:
         *,
         seed: int,
         device_seed: int | None = None,
+        rows: slice | None = None,
         threads: int | None = None,
     ) -> None:
         if len(shape) != 2 or min(shape) < 1:
@@ -129,6 +137,43 @@ class EventCamera:
         self._pause = 1.0 / sensor.readout_events_per_s if sensor.noise.readout else 0.0
         self._bus_free, self.bus_full_s = -np.inf, 0.0
         self._waiting = _Read(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool), np.empty(0))
+
+    @classmethod
+    def start(
+        cls,
+        sensor: EventSensor,
+        *,
+        shape: tuple[int, int],
+        seed: int,
+        device_seed: int,
+        rows: slice | None = None,
+        threads: int | None = None,
+    ) -> Self:
+        """Return the camera of a recording, as :meth:`saf_gen.camera.Camera.start` does.
+
+        Its noise is another for each sensor.
+        """
+        seed, device_seed = (derive_seed("events", number, sensor.name) for number in (seed, device_seed))
+        return cls(sensor, shape, seed=seed, device_seed=device_seed, threads=threads)
+
+    def expose(self, light: Light, span: Span, *, lens: LensCourse) -> Iterator[Events]:
+        """Yield the events of a span in parts; memory does not grow with its length."""
+        step = span.packet or span.end - span.begin
+        seconds = [(n / light.hz, min(n + step, span.end) / light.hz) for n in range(span.begin, span.end, step)]
+        course = LightCourse.joined(
+            [LightCourse.follow(lens.at, light.lamps, span_s=both, knots=light.knots) for both in seconds]
+        )
+        first, stop = int(course.index.min()), min(int(course.index.max()) + 2, light.knots)
+        stack = light.charge(span, range(first, stop)) * np.float32(light.hz * light.scale)
+        course = course.seen_from(first)
+        if len(light.slices_s) > 1:
+            course = course.mixed(*light.slices_s[span.slice_index : span.slice_index + 2])
+        for cell in range(0, len(course.seconds) - 1, BLOCK_CELLS):
+            yield self.record(stack, course.block(cell, min(cell + BLOCK_CELLS, len(course.seconds) - 1)))
+
+    def notes(self) -> dict[str, str]:
+        """Return for how many seconds the bus was full."""
+        return {"bus_full_s": f"{self.bus_full_s:.6f}"}
 
     def record(self, stack: np.ndarray, course: LightCourse) -> Events:
         """Record the next cells of time and return their events.

@@ -1,11 +1,14 @@
 """Event-camera sensors: the values in a sensor file, immutable."""
 
-from typing import Annotated, ClassVar
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Annotated, Any, ClassVar, Self
 
+import numpy as np
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
-from saf_gen.camera.sensor import FillFactor, Pitch, PixelCount, Wavelength
+from saf_gen.camera.sensor import FillFactor, Pitch, PixelCount, Sensor, Wavelength
 from saf_gen.core.config.presets import Sources, Switch, Text, between, change_fields
 
 
@@ -101,6 +104,14 @@ class EventSensor:
     """
 
     kind: ClassVar[str] = "events"
+    switched: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "mismatch": ("threshold_rms", "leak_log_sd"),
+        "bandwidth": ("receptor_e", "receptor_s"),
+        "refractory": ("refractory_s",),
+        "leak": ("leak_hz",),
+        "shot": ("shot_hz",),
+        "hot": ("hot_fraction",),
+    }
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -131,3 +142,18 @@ class EventSensor:
         Raises BadInput if a switch is unknown.
         """
         return change_fields(self, {"noise": switches}, where=f"sensor {self.name}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain data."""
+        return asdict(self)
+
+    def in_place_of(self, grid: Sensor) -> Self:
+        """Return the sensor itself: rows, columns, pitch, fill factor and quantum efficiency are then not used."""
+        return self
+
+    def exposed_for(self, electrons_per_s: np.ndarray) -> Self:
+        """Return the sensor itself, because it has no exposure."""
+        return self
+
+    def readouts(self, seconds: float) -> None:
+        """Return None: pixels answer to the light at any instant."""

@@ -4,3 +4,5 @@ from saf_gen.camera.frames.camera import FrameCamera
 from saf_gen.camera.frames.sensor import FrameSensor
 
 __all__ = ["FrameCamera", "FrameSensor"]
+
+CAMERA = FrameCamera

@@ -1,17 +1,23 @@
 """Recording of frames: light collected over an exposure, and the numbers that are read out of it."""
 
+from collections.abc import Iterator
+from math import ceil
+
 import numpy as np
 
+from saf_gen.camera.camera import Camera, LensCourse, Light, Span
+from saf_gen.camera.encoder import knot_weights
 from saf_gen.camera.fixed_pattern import draw_relative_dark
-from saf_gen.camera.frames.kernel import read_out
+from saf_gen.camera.frames.kernel import add_planes, read_out
 from saf_gen.camera.frames.sensor import FrameSensor
 from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.errors import BadInput
 
+STEP_S, LEAST_STEPS = 5e-5, 8  # of an exposure, in which the lens is followed
 _GRID = 2.0**-16  # of the mean, to which maps are rounded, so that machines whose logarithms differ agree
 
 
-class FrameCamera:
+class FrameCamera(Camera):
     """A frame camera; a frame depends on its number and its light, and on nothing before it.
 
     Parameters
@@ -24,6 +30,10 @@ class FrameCamera:
         Seed of the noise.
     device_seed : int, optional
         Seed of what differs between pixels; by default ``seed``.
+    rows : slice, optional
+        Not used: all rows are exposed.
+    threads : int, optional
+        Not used: frames are exposed one after another.
 
     Raises
     ------
@@ -31,8 +41,17 @@ class FrameCamera:
         If ``shape`` is not two numbers of at least 1.
     """
 
+    sensor_type, form, model, keeps_state = FrameSensor, "frames", 3, False
+
     def __init__(
-        self, sensor: FrameSensor, shape: tuple[int, ...], *, seed: int, device_seed: int | None = None
+        self,
+        sensor: FrameSensor,
+        shape: tuple[int, ...],
+        *,
+        seed: int,
+        device_seed: int | None = None,
+        rows: slice | None = None,
+        threads: int | None = None,
     ) -> None:
         if len(shape) != 2 or min(shape) < 1:
             raise BadInput(f"the array's shape is {tuple(shape)}", allowed="(rows, columns), each at least 1")
@@ -45,7 +64,16 @@ class FrameCamera:
         dark = draw_relative_dark(sensor, self.shape, seed=device)
         self._dark = np.rint(dark / _GRID) * _GRID * sensor.mean_dark_e
 
-    def expose(self, charge: np.ndarray, *, frame: int) -> np.ndarray:
+    def expose(self, light: Light, span: Span, *, lens: LensCourse) -> Iterator[np.ndarray]:
+        """Yield the frames of a span, uint16 (H, W)."""
+        sensor = self.sensor
+        rows_s = sensor.rows_s()
+        for frame in range(span.begin, span.end):
+            begin_s = frame / sensor.readout_hz + rows_s
+            charge = exposed_charge(light, begin_s=begin_s, exposure_s=sensor.exposure_s, lens=lens)
+            yield self.read(charge * light.hz, frame=frame)
+
+    def read(self, charge: np.ndarray, *, frame: int) -> np.ndarray:
         """Return the numbers that are read out of a frame.
 
         A pixel holds as many electrons as came, Poisson about charge·response + dark, up to its full well; the reading
@@ -82,3 +110,43 @@ class FrameCamera:
             float(sensor.levels), out.reshape(-1)
         )  # fmt: skip
         return out
+
+
+def exposed_charge(light: Light, *, begin_s: np.ndarray, exposure_s: float, lens: LensCourse) -> np.ndarray:
+    """Return the light of an exposure, in the charge per readout of the light times seconds, float64 (H, W).
+
+    During an exposure the lens moves and the light changes: the gain of each lamp is integrated by the law of its
+    schedule, and the lens is followed in steps of at most 50 µs, so that the charge is a sum of the pictures at the
+    knots that the lens passes, each with its own weight.
+
+    Parameters
+    ----------
+    light : Light
+        Light in front of the camera.
+    begin_s : ndarray, shape (H,) or (1,)
+        When each row begins, or all rows together, seconds.
+    exposure_s : float
+        Time for which a row collects light, seconds.
+    lens : LensCourse
+        Where the lens is.
+    """
+    steps = max(LEAST_STEPS, ceil(exposure_s / STEP_S))
+    edges = begin_s[:, None] + exposure_s * np.linspace(0, 1, steps + 1)
+    middles = (edges[:, 1:] + edges[:, :-1]) / 2
+    lit = np.stack([np.diff(integral(edges), axis=1) for integral in light.lamps], axis=-1)  # (rows, steps, G)
+    j, times = 0, np.array(light.slices_s)
+    if len(times) > 1:
+        j = int(np.clip(np.searchsorted(times, middles.mean(), side="right") - 1, 0, len(times) - 2))
+        later = np.clip((middles - times[j]) / (times[j + 1] - times[j]), 0, 1)[..., None]
+        lit = np.concatenate([lit * (1 - later), lit * later], axis=-1)
+    index, fraction = knot_weights(lens.at(middles.ravel()), light.knots)
+    first, stop = int(index.min()), int((index + (fraction > 0)).max()) + 1
+    weights = np.zeros((len(begin_s), lit.shape[-1], stop - first + 1))
+    row = np.repeat(np.arange(len(begin_s)), steps)
+    flat = lit.reshape(-1, lit.shape[-1])
+    np.add.at(weights.transpose(0, 2, 1), (row, index - first), flat * (1 - fraction[:, None]))
+    np.add.at(weights.transpose(0, 2, 1), (row, index - first + 1), flat * fraction[:, None])
+    stack = light.charge(Span(0, 1, j), range(first, stop))
+    charge = np.zeros(stack.shape[2:])
+    add_planes(stack, light.scale * weights[..., :-1], charge)
+    return charge

@@ -1,16 +1,21 @@
 """Frame-camera sensors: the values in a sensor file, immutable."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 
+from saf_gen.camera.camera import Readouts
 from saf_gen.camera.exposed_sensor import ExposedSensor
 from saf_gen.camera.sensor import FillFactor, Filter, Pitch, PixelCount, ResponseRms, SpectralQe, Wavelength
 from saf_gen.core.config.presets import Sources, Switch, Text, between
 from saf_gen.errors import BadInput
+
+SHARE = 0.5
+"""Share of its well that a pixel of the target fills if the camera chooses its exposure."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -100,6 +105,11 @@ class FrameSensor(ExposedSensor):
     """
 
     kind: ClassVar[str] = "frames"
+    switched: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "read": ("read_noise_e",),
+        "dark": ("dark_e_per_s",),
+        "response": ("response_rms",),
+    }
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -157,23 +167,35 @@ class FrameSensor(ExposedSensor):
         """Mean dark charge of an exposure, electrons; 0 if dark current is switched off."""
         return self.dark_e_per_s * self.exposure_s * self.noise.dark
 
+    def rows_s(self) -> np.ndarray:
+        """Return when the exposure of each row begins, seconds from the beginning of a frame: (H,), or (1,) for all."""
+        return np.arange(self.rows) * self.row_s if self.shutter == "rolling" else np.zeros(1)
 
-def exposure_for(electrons_per_s: np.ndarray, sensor: FrameSensor, *, share: float = 0.5) -> FrameSensor:
-    """Return a copy that is exposed for as long as pixels need to fill ``share`` of their well on average.
+    def exposed_for(self, electrons_per_s: np.ndarray) -> Self:
+        """Return a copy that is exposed for as long as pixels need to fill half of their well on average.
 
-    It is at most a frame, and at least the shortest exposure.
+        It is at most a frame, and at least the shortest exposure.
 
-    Parameters
-    ----------
-    electrons_per_s : ndarray, shape (n,)
-        Electrons per second of the pixels, without dark current.
-    sensor : FrameSensor
-        The sensor.
-    share : float, default 0.5
-        Share of the full well, above 0 and at most 1.
-    """
-    mean = float(np.mean(electrons_per_s, dtype=np.float64))
-    wanted = share * sensor.full_well_e / mean if mean > 0 else np.inf
-    seconds = min(max(wanted, sensor.shortest_exposure_s), 1 / sensor.readout_hz)
-    rounded = float(f"{seconds:.6g}")  # so that the order of a sum does not show
-    return replace(sensor, exposure_s=rounded if rounded * sensor.readout_hz <= 1 else 1 / sensor.readout_hz)
+        Parameters
+        ----------
+        electrons_per_s : ndarray, shape (n,)
+            Electrons per second of the pixels, without dark current.
+        """
+        mean = float(np.mean(electrons_per_s, dtype=np.float64))
+        wanted = SHARE * self.full_well_e / mean if mean > 0 else np.inf
+        seconds = min(max(wanted, self.shortest_exposure_s), 1 / self.readout_hz)
+        rounded = float(f"{seconds:.6g}")  # so that the order of a sum does not show
+        return replace(self, exposure_s=rounded if rounded * self.readout_hz <= 1 else 1 / self.readout_hz)
+
+    def readouts(self, seconds: float) -> Readouts:
+        """Return the frames whose last row is exposed before the end of a recording, each taken amid its exposure.
+
+        Raises BadInput if the recording is shorter than that.
+        """
+        rows_s = self.rows_s()
+        last_s = float(rows_s[-1]) + self.exposure_s
+        frames = int((seconds - last_s) * self.readout_hz + 1e-9) + 1
+        if frames < 1 or seconds < last_s:
+            raise BadInput(f"the sequence lasts {seconds:g} s", allowed="at least a frame")
+        middle_s = float(rows_s.mean()) + self.exposure_s / 2
+        return Readouts(frames, self.readout_hz, self.exposure_s, rows_s, middle_s)

@@ -14,7 +14,6 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import wants_frames
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stream.measure_input import measure_input, wanted_form
-from saf_gen.stream.metadata import KINDS as RECORDED
 from saf_gen.stream.metadata import ReadableStream
 
 KINDS = {
@@ -92,14 +91,14 @@ def choose_windows(
     """
     if kind not in KINDS:
         raise unknown("kind of picture", kind, allowed=KINDS)
-    if kind != "tfp" and stream.counted not in RECORDED:
+    if kind != "tfp" and stream.form != "bits":
         raise BadInput(
             f"pictures {kind} of a recording of {stream.counted}", where=str(stream.path),
             allowed="tfp, the sum of a window",
         )  # fmt: skip
     total = stream.shape[0]
     span = validate_window(first, total if stop is None else stop, total=total, where=str(stream.path))
-    usual = 1 if stream.counted == "frames" else min(WINDOW, -(-len(span) // 10))
+    usual = 1 if stream.form == "frames" else min(WINDOW, -(-len(span) // 10))
     length = _positive_integer("window", usual if window is None else window)
     if length > len(span):
         raise BadInput(
@@ -256,7 +255,7 @@ def read_timeline(
         np.array(starts) + (window - 1) / 2,
         np.array([stream.counts(a, a + window).mean() / window for a in starts]),
         {name: np.array(values) for name, values in scores.items()},
-        "levels" if stream.counted == "frames" else stream.counted,
+        "levels" if stream.form == "frames" else stream.counted,
     )
 
 

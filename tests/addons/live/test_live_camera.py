@@ -8,7 +8,7 @@ import pytest
 import saf_gen
 from saf_gen.addons.live.camera import LiveCamera
 from saf_gen.addons.live.source import open_capture
-from saf_gen.benchmark.view.captured_spikes import CapturedSpikes
+from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.core.bits import unpack_bits
 from saf_gen.errors import BadInput
 
@@ -37,7 +37,7 @@ def test_its_counts_are_those_of_the_encoder_bit_for_bit(still):
 def test_its_counts_are_those_of_the_closed_loop_and_a_moving_scene_begins_again(scene, request):
     capture = request.getfixturevalue(scene)
     camera = LiveCamera(capture, region="target", start=0.3)
-    known = CapturedSpikes(capture, capture.open_charge_source(capture.encoder_rows(camera.box)), region=camera.box)
+    known = CapturedReadouts(capture, capture.open_light(capture.rows_for(camera.box)), region=camera.box)
     known.encode_until(capture.frames, np.full(capture.frames, 0.3))
     for first in range(0, capture.frames, 100):
         assert np.array_equal(camera.read(100), known.window(first, first + 100)), first

@@ -6,12 +6,13 @@ from math import gcd
 
 import numpy as np
 
+from saf_gen.camera.camera import BitCamera
 from saf_gen.camera.encoder import check_schedule
 from saf_gen.camera.encoder_kernel import LANES
 from saf_gen.camera.events.camera import exponential_waits
 from saf_gen.camera.fixed_pattern import draw_relative_dark
-from saf_gen.camera.spad.kernel import expose_clocked, expose_passive
-from saf_gen.camera.spad.sensor import SpadSensor
+from saf_gen.camera.photons.kernel import expose_clocked, expose_passive
+from saf_gen.camera.photons.sensor import SpadSensor
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.seeds import derive_seed, make_generator
 from saf_gen.errors import BadInput
@@ -20,7 +21,7 @@ _GRID = 2.0**-16  # of the mean, to which maps are rounded, so that machines who
 WORDS = 16  # random words of 32 bits for 64 frames of a pixel
 
 
-class SpadCamera:
+class SpadCamera(BitCamera):
     """A single-photon array that records block after block of time; it is called as :class:`saf_gen.camera.Encoder` is.
 
     The bits depend neither on the division into blocks nor on the number of threads. Memory does not grow with the
@@ -47,6 +48,8 @@ class SpadCamera:
         If ``shape`` is not two numbers of at least 1, or ``rows`` is empty or begins at a row that does not begin a
         block of 64 pixels.
     """
+
+    sensor_type, model = SpadSensor, 2
 
     def __init__(
         self,

@@ -1,7 +1,8 @@
 """Single-photon arrays: the values in a sensor file, immutable."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict
@@ -11,6 +12,9 @@ from saf_gen.camera.exposed_sensor import ExposedSensor
 from saf_gen.camera.sensor import FillFactor, Filter, Pitch, PixelCount, ResponseRms, SpectralQe, Wavelength
 from saf_gen.core.config.presets import Sources, Switch, Text, between
 from saf_gen.errors import BadInput
+
+RATE = 0.5
+"""Share of the frames in which an array that chooses its exposure detects a photon of the target."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -99,6 +103,11 @@ class SpadSensor(ExposedSensor):
     """
 
     kind: ClassVar[str] = "photons"
+    switched: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "dark": ("dark_hz",),
+        "response": ("response_rms",),
+        "afterpulsing": ("afterpulse",),
+    }
     name: Text
     rows: PixelCount
     columns: PixelCount
@@ -152,6 +161,28 @@ class SpadSensor(ExposedSensor):
         """Mean dark counts per frame while the gate is open; 0 if dark counts are switched off."""
         return self.dark_hz * self.gate / self.readout_hz * self.noise.dark
 
+    def exposed_for(self, electrons_per_s: np.ndarray) -> Self:
+        """Return a copy whose gate is open for as long as pixels need to detect a photon in half of the frames.
+
+        It is at most a frame, and at least the shortest exposure; dead time, dark counts and afterpulses do not count.
+
+        Parameters
+        ----------
+        electrons_per_s : ndarray, shape (n,)
+            Detections per second of pixels that are never blind; the rate is their mean.
+        """
+        light = np.asarray(electrons_per_s, np.float64)
+        low, high = self.shortest_exposure_s, 1 / self.readout_hz
+        if -np.expm1(-light * high).mean() <= RATE:
+            return replace(self, exposure_s=high)
+        for _ in range(60):  # the rate rises with the exposure, so bisection converges to double precision
+            middle = (low + high) / 2
+            if -np.expm1(-light * middle).mean() < RATE:
+                low = middle
+            else:
+                high = middle
+        return replace(self, exposure_s=float(f"{high:.6g}"))  # so that the order of a sum does not show
+
 
 def detection_rate(photons: np.ndarray | float, sensor: SpadSensor) -> np.ndarray:
     """Return the mean of a pixel's bit at constant light: the share of frames in which it detects a photon.
@@ -188,30 +219,3 @@ def detection_rate(photons: np.ndarray | float, sensor: SpadSensor) -> np.ndarra
         else:
             empty = wait * np.exp(-photons * (sensor.gate - dead)) / (dead + wait)
     return np.where(photons > 0, 1 - empty, 0.0)
-
-
-def exposure_for(photons_per_s: np.ndarray, sensor: SpadSensor, *, rate: float = 0.5) -> SpadSensor:
-    """Return a copy whose gate is open for as long as pixels need to detect a photon in ``rate`` of the frames.
-
-    It is at most a frame, and at least the shortest exposure; dead time, dark counts and afterpulses do not count.
-
-    Parameters
-    ----------
-    photons_per_s : ndarray, shape (n,)
-        Detections per second of pixels that are never blind; the rate is their mean.
-    sensor : SpadSensor
-        The sensor.
-    rate : float, default 0.5
-        Share of the frames, above 0 and below 1.
-    """
-    light = np.asarray(photons_per_s, np.float64)
-    low, high = sensor.shortest_exposure_s, 1 / sensor.readout_hz
-    if -np.expm1(-light * high).mean() <= rate:
-        return replace(sensor, exposure_s=high)
-    for _ in range(60):  # the rate rises with the exposure, so bisection converges to double precision
-        middle = (low + high) / 2
-        if -np.expm1(-light * middle).mean() < rate:
-            low = middle
-        else:
-            high = middle
-    return replace(sensor, exposure_s=float(f"{high:.6g}"))  # so that the order of a sum does not show
