@@ -184,7 +184,7 @@ class Recorder:
         with StreamWriter(
             path, shape=(self.frames, *shape), readout_hz=hz, metadata=metadata, threads=threads
         ) as writer:
-            record(light, camera, writer, lens=lens, frames=self.frames, progress=progress)
+            record(light, camera, sink=writer, lens=lens, frames=self.frames, progress=progress)
         return writer.content_sha256
 
     def _scale_light(

@@ -81,8 +81,8 @@ class Sink(Protocol):
 def record(
     light: SceneLight,
     camera: Camera,
-    sink: Sink,
     *,
+    sink: Sink,
     lens: LensCourse,
     frames: int,
     progress: Callable[[float], None] = lambda done: None,

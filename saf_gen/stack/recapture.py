@@ -185,7 +185,7 @@ class Recapture:
             black_level_dn=getattr(sensor, "black_level_dn", 0),
             threads=threads,
         ) as writer:
-            record(light, camera, writer, lens=lens, frames=frames, progress=progress)
+            record(light, camera, sink=writer, lens=lens, frames=frames, progress=progress)
             writer.notes = camera.notes()
         open_for = f", open for {readouts.open_s * 1e6:.4g} µs of {1e6 / readouts.hz:.4g}" if readouts else ""
         return f"{writer.size}{open_for}, sha256 {writer.content_sha256[:16]}"

@@ -103,7 +103,7 @@ def test_events_are_those_of_the_recording_where_cells_are_cut_alike(recorded, n
     running = sequence(recorded[name])
     frames, lens = running.capture.frames // 8 * 8, LensCourse(logged_path(recorded[name]), HZ)
     events = []
-    record(running.light, running.capture.start_camera(), Pieces(events), lens=lens, frames=frames)
+    record(running.light, running.capture.start_camera(), sink=Pieces(events), lens=lens, frames=frames)
     with saf_gen.open_events(recorded[name].path) as file:
         wanted = file.events(0, file.seconds)
     for column in ("t", "x", "y", "p"):
