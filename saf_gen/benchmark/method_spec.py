@@ -81,6 +81,7 @@ class MethodGuest(Protocol):
     """A process that runs a method of others; see :class:`saf_gen.benchmark.guests.guest.Guest`."""
 
     limits: Any
+    names: tuple[str, str]
     cost: DeclaredCost
     plugins: list[dict[str, Any]]
     search_options: dict[str, Any]

@@ -446,13 +446,14 @@ def view_command(
     Its lens position, light, truth and scores are drawn beside them.
     """
     from saf_gen.benchmark.admission import admit_measure
-    from saf_gen.benchmark.camera_kinds import check_law
+    from saf_gen.benchmark.suitability import form_of, measure_misfit
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
     with open_recording(stream) as opened:
         for name in measure or ():
-            check_law(name, opened.counted)
+            if misfit := measure_misfit(name, opened.counted, form=form_of(opened)):
+                raise misfit
         pictures = write_view(
             opened,
             target,

@@ -53,6 +53,8 @@ class Guest:
 
     Attributes
     ----------
+    names : tuple of str
+        Names of its measure and its search without their options.
     parameters : str
         The measure and the search with every option.
     commands : bool
@@ -83,6 +85,7 @@ class Guest:
         self._spec, self.limits, self._lock = spec, limits, threading.Lock()
         self._process: GuestProcess | None = None
         self._lost = ""  # why it ended while it was loaded; it is then not started again
+        self.names = spec.measure[0], spec.search[0]
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
         self.polarities = False
         self.search_options, self.measure = dict[str, Any](), dict[str, bool]()

@@ -99,6 +99,7 @@ class GuestPart:
     """What the evaluator knows of the measure or the search of a guest."""
 
     text: str
+    intervals: bool = False
     commands: bool = False
     polarities: bool = False
 
