@@ -70,7 +70,7 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     measure, _, search = parameters.partition(" + ")
     parts: tuple[Any, Any] = (
         GuestPart(measure, intervals=guest.measure.get("intervals", False)),
-        GuestPart(search, commands=guest.commands, polarities=guest.polarities),
+        GuestPart(search, commands=guest.commands, polarities=guest.polarities, measures=guest.measures),
     )
     return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
 

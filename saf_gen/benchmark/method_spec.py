@@ -381,6 +381,14 @@ def nested_plugins(plugin: object) -> Iterator[object]:
             yield from nested_plugins(getattr(plugin, field.name))
 
 
+def named_measures(search: object) -> tuple[str, ...]:
+    """Return the names of the measures by which a search finds its answer, besides the method's.
+
+    Those of the rule of ``reject`` are left out, because it gives no answer: it withdraws one.
+    """
+    return wants_measures(search.search if isinstance(search, Rejecting) else search)
+
+
 def resolve_name(spec: str) -> Method | tuple[str, Any]:
     """Return the method of a given name, or the kind (``measures`` or ``searches``) and the plug-in of that name.
 

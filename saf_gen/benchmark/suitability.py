@@ -6,10 +6,11 @@ Kinds of cameras are open, so no rule names one but ``spikes``, whose noise some
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 
-from saf_gen.benchmark.method_spec import Method, nested_plugins, split_options
+from saf_gen.benchmark.method_spec import Method, named_measures, nested_plugins, split_options
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.errors import BadInput
 from saf_gen.parts import Measure, wants_intervals, wants_polarities
+from saf_gen.plugins.measures import INTERVAL_SUFFIX
 from saf_gen.stream.metadata import ReadableStream
 from saf_gen.stream.recordings import open_recording
 
@@ -88,13 +89,15 @@ def method_misfit(method: Method, kind: str, *, form: str, holder: str = "these 
     BadInput or None
         The error, which names the method, what may be used in its place, and the next step.
     """
-    need = next((need for need in _needs(method) if _lacks(need, kind, form=form)), "")
-    if not need:
+    needs = _needs(method)
+    need = next((need for need in needs if _lacks(need, kind, form=form)), None)
+    if need is None:
         return None
     allowed, hint = INSTEAD.get(need, COUNTS)
     if need == MADE and (twin := EVENTS_OF_SPIKES.get(_names(method)[1])):
         hint = f"use {twin}"
-    return BadInput(f"{method.name} {need}, and {holder} {_words(kind)}", allowed=allowed, hint=hint)
+    by = f"scores by {needs[need]}, which " if needs[need] else ""
+    return BadInput(f"{method.name} {by}{need}, and {holder} {_words(kind)}", allowed=allowed, hint=hint)
 
 
 def measure_misfit(
@@ -105,22 +108,33 @@ def measure_misfit(
     The other parameters are those of :func:`method_misfit`.
     """
     name = measure if isinstance(measure, str) else type(measure).__module__.rpartition(".")[2]
-    need = next((need for need in _needs_of_measure(name) if _lacks(need, kind, form=form)), "")
-    problem = f"{name} {need}, and {holder} {_words(kind)}"
-    return BadInput(problem, allowed=COUNTS[0], hint=COUNTS[1]) if need else None
+    for need in _needs_of_measure(name):
+        if _lacks(need, kind, form=form):
+            return BadInput(f"{name} {need}, and {holder} {_words(kind)}", allowed=COUNTS[0], hint=COUNTS[1])
+    return None
 
 
-def _needs(method: Method) -> list[str]:
-    """Return what a method needs that some cameras lack, in the order in which it is said."""
+def _needs(method: Method) -> dict[str, str]:
+    """Return what a method needs that some cameras lack, in the order in which it is said.
+
+    By each need stands the measure that has it, if the search names it, or ''.
+    """
     measure, search = _names(method)
-    needs = [INTERVALS] if wants_intervals(method.measure) else []
-    needs += [MADE] if search in EVENTS_OF_SPIKES else []
-    needs += _needs_of_measure(measure)
-    return needs + ([POLARITIES] if any(map(wants_polarities, nested_plugins(method.search))) else [])
+    needs = dict.fromkeys([INTERVALS] if wants_intervals(method.measure) else [], "")
+    if search in EVENTS_OF_SPIKES:
+        needs[MADE] = ""
+    for name, by in ((measure, ""), *((other, other) for other in named_measures(method.search))):
+        for need in _needs_of_measure(name):
+            needs.setdefault(need, by)
+    if any(map(wants_polarities, nested_plugins(method.search))):
+        needs[POLARITIES] = ""
+    return needs
 
 
 def _needs_of_measure(name: str) -> Iterator[str]:
     plain = split_options(name)[0]
+    if plain.endswith(INTERVAL_SUFFIX):
+        yield INTERVALS
     if plain in EVENTS_OF_SPIKES:
         yield MADE
     if plain in LAW_OF_SPIKES:

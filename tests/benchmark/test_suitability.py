@@ -19,6 +19,9 @@ class Middle:
     def __call__(self, view):
         view.score(0, view.frames)
         return __import__("saf_gen").parts.Answer(view.frames / 2)
+class Both(Middle):
+    """The middle frame, by two measures."""
+    measures = ("sd_debiased",)
 class Sum:
     """The sum of the counts."""
     degree = 1
@@ -50,6 +53,17 @@ def mine(tmp_path, monkeypatch):
         ("sd_tfi+argmax", "bits", ""),
         ("er_count+elp", "events", "makes events of spikes, and these recordings hold voltages | use elp_events"),
         ("er_count+elp", "bits", ""),
+        (
+            "sd+peak_fit",
+            "bits",
+            "scores by sd_calibrated, which corrects for the noise of spikes | voltages | such as sd",
+        ),
+        ("octave_quotient+agreed_peak", "frames", "scores by split_gradient, which corrects for the noise of spikes"),
+        ("sd+coarse_to_fine:far=sd_tfi", "events", "scores by sd_tfi, which needs intervals between spikes"),
+        ("sd+coarse_to_fine:far=change_rate", "events", "scores by change_rate, which makes events of spikes"),
+        ("sd+coarse_to_fine", "events", ""),
+        ("sd_debiased+photon_aware", "bits", "photon_aware corrects for the noise of spikes"),
+        ("sd+argmax:reject=true", "events", ""),
         ("sd+argmax", "frames", ""),
     ],
 )
@@ -73,6 +87,8 @@ def test_a_measure_that_corrects_for_spikes_suits_spikes_alone(measure):
         ("photons.h5", "sd_debiased+mine.py:Middle", "corrects for the noise of spikes | single photons"),
         ("events.h5", "sd_tfi+mine.py:Middle", "needs intervals between spikes | hold events"),
         ("events.h5", "mine.py:Sum+pbf", "makes events of spikes | hold events | use pbf_events"),
+        ("photons.h5", "sd+mine.py:Both", "scores by sd_debiased, which corrects for the noise of spikes"),
+        ("photons.h5", "mine.py:Sum+peak_fit", "scores by sd_calibrated, which corrects for the noise of spikes"),
         ("photons.h5", "folder/", "folder/ corrects for the noise of spikes | single photons"),
     ],
 )

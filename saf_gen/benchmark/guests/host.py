@@ -102,6 +102,7 @@ class GuestPart:
     intervals: bool = False
     commands: bool = False
     polarities: bool = False
+    measures: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return self.text
