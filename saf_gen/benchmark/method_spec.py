@@ -135,10 +135,8 @@ class Method:
     def record_fields(self) -> dict[str, str]:
         """Fields of a record that say which method it is of."""
         limits = str(self.guest.limits) if self.guest else ""
-        return {
-            "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
-            "tuning": self.tuning,
-        }  # fmt: skip
+        named = {"method": self.name, "code": self.code, "parameters": self.parameters}
+        return named | {"limits": limits, "tuning": self.tuning}
 
 
 def options_of(search: Any) -> dict[str, Any]:
