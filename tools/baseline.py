@@ -89,7 +89,10 @@ splits:
   test: {scenes: [pendulum_clock, usaf_microscope], lights: [constant, continuous, sudden], scene_motion: [dynamic]}
 """
 CAMERAS = {"events": "davis346", "photons": "qvga_spad", "frames": "imx273"}
-SPIKES_ONLY = ("change_rate", "sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated", "elp", "pbf")
+SPIKES_ONLY = (
+    *("change_rate", "sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated"),
+    *("agreed_peak", "elp", "pbf", "peak_fit", "photon_aware"),
+)
 """Measures and searches that suit no other camera, as do measures of intervals, ``_tfi``."""
 BESIDE = ("sd_code", "octave_structure")
 """Measures with which every search runs; the second where the dataset is small."""

@@ -174,10 +174,9 @@ def scene_from_pictures(
     frames = open_pictures(pictures, linear=linear, transfer=transfer)
     frames.check_stated()
     stated = {"step_um": step_um, "box": None if box is None else list(box)}
-    card = {
-        "id": name, "title": name, "licence": licence, "source": f"pictures {pictures.name}",
-        "pictures": {key: value for key, value in stated.items() if value is not None},
-    }  # fmt: skip
+    known = {key: value for key, value in stated.items() if value is not None}
+    origin = f"pictures {pictures.name}"
+    card = {"id": name, "title": name, "licence": licence, "source": origin, "pictures": known}
     with _new_folder(name, root) as folder:
         (folder / FOLDER).mkdir()
         count = 0

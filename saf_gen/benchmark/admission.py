@@ -68,7 +68,10 @@ def admit_method(spec: str, limits: Limits | None = None) -> Method:
     parameters = title + guest.parameters
     code = hashlib.sha256(json.dumps([parameters, guest.files]).encode()).hexdigest()[:12]
     measure, _, search = parameters.partition(" + ")
-    parts: tuple[Any, Any] = GuestPart(measure), GuestPart(search, commands=guest.commands, polarities=guest.polarities)
+    parts: tuple[Any, Any] = (
+        GuestPart(measure, intervals=guest.measure.get("intervals", False)),
+        GuestPart(search, commands=guest.commands, polarities=guest.polarities, measures=guest.measures),
+    )
     return Method(f"{text}@{region}" if region else text, *parts, code=code, region=region, guest=guest)
 
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.benchmark.admission import admit_measure, describe_undeclared
-from saf_gen.benchmark.camera_kinds import check_law, keep_those_that_suit
 from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
@@ -33,6 +32,7 @@ from saf_gen.benchmark.sequence_evaluation import (
     evaluate_sequence,
     parse_methods,
 )
+from saf_gen.benchmark.suitability import keep_those_that_suit, measure_misfit
 from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.benchmark.tracks.predictions import PredictionSet, read_predictions
 from saf_gen.benchmark.tracks.recorded import check_leaves_lens
@@ -371,7 +371,8 @@ def score_blocks(
         raise BadInput(f"the window is {window!r}", allowed=f"1 to {frames}, the number of frames in the stream")
     if region not in REGIONS:
         raise unknown("region", region, allowed=REGIONS)
-    check_law(measure if isinstance(measure, str) else type(measure).__module__.rpartition(".")[2], stream.counted)
+    if misfit := measure_misfit(measure, stream.counted, form=stream.form):
+        raise misfit
     counts = WindowCounts(stream, choose_region(stream, region)[0])
     view = RecordingView(counts, admit_measure(measure) if isinstance(measure, str) else measure)
     first = np.arange(0, frames - window + 1, window)

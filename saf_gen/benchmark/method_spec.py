@@ -81,6 +81,7 @@ class MethodGuest(Protocol):
     """A process that runs a method of others; see :class:`saf_gen.benchmark.guests.guest.Guest`."""
 
     limits: Any
+    names: tuple[str, str]
     cost: DeclaredCost
     plugins: list[dict[str, Any]]
     search_options: dict[str, Any]
@@ -134,10 +135,8 @@ class Method:
     def record_fields(self) -> dict[str, str]:
         """Fields of a record that say which method it is of."""
         limits = str(self.guest.limits) if self.guest else ""
-        return {
-            "method": self.name, "code": self.code, "parameters": self.parameters, "limits": limits,
-            "tuning": self.tuning,
-        }  # fmt: skip
+        named = {"method": self.name, "code": self.code, "parameters": self.parameters}
+        return named | {"limits": limits, "tuning": self.tuning}
 
 
 def options_of(search: Any) -> dict[str, Any]:
@@ -378,6 +377,14 @@ def nested_plugins(plugin: object) -> Iterator[object]:
         yield plugin
         for field in fields(plugin):
             yield from nested_plugins(getattr(plugin, field.name))
+
+
+def named_measures(search: object) -> tuple[str, ...]:
+    """Return the names of the measures by which a search finds its answer, besides the method's.
+
+    Those of the rule of ``reject`` are left out, because it gives no answer: it withdraws one.
+    """
+    return wants_measures(search.search if isinstance(search, Rejecting) else search)
 
 
 def resolve_name(spec: str) -> Method | tuple[str, Any]:

@@ -227,9 +227,9 @@ class Record:
 
 
 KEYS_WHERE_KNOWN = (
-    "failed_check", "optimum", "error_optimum_dof", "success_least_blur",
-    "in_focus", "sharpness_lost", "operations", "reference_rate",
-)  # fmt: skip
+    *("failed_check", "optimum", "error_optimum_dof", "success_least_blur"),
+    *("in_focus", "sharpness_lost", "operations", "reference_rate"),
+)
 """Keys that a line has only if they are known, so that lines from before there were such keys are read as well."""
 
 
@@ -383,9 +383,9 @@ def _find_contradiction(r: Record) -> tuple[str, str] | None:
 
 
 _NEED_AN_ANSWER = (
-    "position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "error_optimum_dof",
-    "sharpness_lost",
-)  # fmt: skip
+    *("position", "error", "error_frames", "error_dof"),
+    *("blur_px", "time_to_focus_s", "error_optimum_dof", "sharpness_lost"),
+)
 
 
 def _to_json_value(value: Any) -> Any:

@@ -96,14 +96,6 @@ def count_chi_squared(seen: np.ndarray, law: tuple[np.ndarray, np.ndarray]) -> t
     return float(((found - expected) ** 2 / expected).sum()), expected.size - 1
 
 
-def count_p_value(seen: np.ndarray, mean: float, *, variance: float) -> float:
-    """Return the p-value of Pearson's χ² test of observed integers ``seen`` against the exact law of counting.
-
-    ``mean`` and ``variance`` describe the continuous quantity X that the integers count.
-    """
-    return float(stats.chi2.sf(*count_chi_squared(seen, count_probabilities(mean, variance))))
-
-
 def count_deviations(seen: np.ndarray, mean: float, *, variance: float) -> float:
     """Return by how many standard deviations the variance of the integers ``seen`` exceeds the exact law of counting.
 

@@ -61,11 +61,10 @@ def import_command(
     from saf_gen.stream import interop
 
     if file.is_dir():
-        options = {"--layout": layout, "--size": size, "--bits": order, "--axes": axes,
-                 "--kind": kind != "spikes", "--frames": frames,
-                 "--flip": flip is not None, "--key": key,
-                 "--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus,
-                 "--mask": mask, "--times": times}  # fmt: skip
+        options: dict[str, object] = {"--layout": layout, "--size": size, "--bits": order, "--axes": axes}
+        options |= {"--kind": kind != "spikes", "--frames": frames, "--flip": flip is not None, "--key": key}
+        options |= {"--focus": focus, "--light": light, "--truth": truth, "--depth-of-focus": depth_of_focus}
+        options |= {"--mask": mask, "--times": times}
         _import_saf_folder(file, target, rate=rate, refused=[name for name, value in options.items() if value])
         return
     _check_stream_output(file, target)
@@ -125,10 +124,9 @@ def _open_source(
     if file.suffix.lower() in interop.ARRAY_ENDINGS:
         for name, value in (("layout", layout), ("size", size)):
             if value is not None:
-                raise BadInput(
-                    f"--{name} is given for an array", where=str(file), allowed="with raw frames",
-                    hint="state --axes, and --bits if a byte holds eight frames",
-                )  # fmt: skip
+                problem, allowed = f"--{name} is given for an array", "with raw frames"
+                hint = "state --axes, and --bits if a byte holds eight frames"
+                raise BadInput(problem, where=str(file), allowed=allowed, hint=hint)
         array = interop.SpikeArray(file, key=key, axes=axes, order=order, frames=frames, flip=bool(flip))
         packing = f", eight frames per byte, {BIT_NAMES[order]} bit first" if order else ""
         return array, f"an array with axes {axes}{packing}"
@@ -446,13 +444,14 @@ def view_command(
     Its lens position, light, truth and scores are drawn beside them.
     """
     from saf_gen.benchmark.admission import admit_measure
-    from saf_gen.benchmark.camera_kinds import check_law
+    from saf_gen.benchmark.suitability import measure_misfit
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
     with open_recording(stream) as opened:
         for name in measure or ():
-            check_law(name, opened.counted)
+            if misfit := measure_misfit(name, opened.counted, form=opened.form):
+                raise misfit
         pictures = write_view(
             opened,
             target,

@@ -161,22 +161,6 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 @contextmanager
-def write_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder next to ``path`` to fill, which is renamed to ``path`` at the end.
-
-    ``path`` must not exist or must be an empty folder. Raises BadInput if the disk is full or a folder cannot be
-    written to.
-    """
-    final = Path(path)
-    try:
-        with temporary_folder(final) as part:
-            yield part
-            rename_durably(part, final)
-    except OSError as error:
-        raise unwritable(final, error) from error
-
-
-@contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
     """Yield a new folder with a temporary name next to ``path``; it is removed at the end."""
     check_on_disk(path)

@@ -22,9 +22,9 @@ from saf_gen.leaderboard.ranking import LeaderboardRow
 from saf_gen.leaderboard.short_names import name_list
 
 LEADERBOARD_FILES = (
-    "leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex", "axes.csv",
-    "profiles.csv", "neighbours.csv",
-)  # fmt: skip
+    *("leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex"),
+    *("axes.csv", "profiles.csv", "neighbours.csv"),
+)
 """Names of the tables of a leaderboard."""
 
 

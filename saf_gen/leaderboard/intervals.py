@@ -97,9 +97,13 @@ def _find_posterior_intervals(
 
 
 def difference_intervals(
-    wins: np.ndarray, losses: np.ndarray, *, counts: np.ndarray, confidence: float = CONFIDENCE,
+    wins: np.ndarray,
+    losses: np.ndarray,
+    *,
+    counts: np.ndarray,
+    confidence: float = CONFIDENCE,
     cells: tuple[int, int] = FINE,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the confidence intervals of the difference of two success rates on the same sequences.
 
     The difference is the rate of sequences that only the first method solves minus the rate of those that only the

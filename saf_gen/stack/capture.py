@@ -158,9 +158,14 @@ class Capture:
         )
 
     @property
+    def kind(self) -> str:
+        """Kind of the camera."""
+        return str((self.recorder or self.sensor).kind)
+
+    @property
     def camera(self) -> type[Camera]:
         """Class of the camera."""
-        return camera_type((self.recorder or self.sensor).kind)
+        return camera_type(self.kind)
 
     def rows_for(self, region: Region) -> slice:
         """Return the rows that the camera needs for a region: all, or from the beginning of a block of its noise."""

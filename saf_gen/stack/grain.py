@@ -154,33 +154,6 @@ def estimate_grain(
     return Grain(mean, _relative_rms(noise, mean), found)
 
 
-def mean_energy(first: np.ndarray, second: np.ndarray, *, energy: str, mask: np.ndarray | None = None) -> float:
-    """Return the mean product of two pictures after the filters of an energy.
-
-    If both are the same picture, this is the focus measure of that name (``variance`` for ``contrast``). For two
-    renders with independent noise, it estimates the measure of the noise-free picture.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (row, col)
-        The two pictures.
-    energy : str
-        One of ENERGIES.
-    mask : ndarray of bool, shape (row, col), optional
-        Pixels that count; by default all.
-
-    Raises
-    ------
-    BadInput
-        If the shapes differ or the mask marks nothing.
-    """
-    first, second, mask = _checked(first, second, mask=mask)
-    pairs = zip(filter_grain(first, energy, mask=mask), filter_grain(second, energy, mask=mask), strict=True)
-    products = [((a * b)[valid], valid.sum()) for (a, valid), (b, _) in pairs]
-    count = int(products[0][1]) if products else 0  # the filters of one energy are valid at the same pixels
-    return float(sum(product.sum() for product, _ in products) / count) if count else 0.0
-
-
 def correlate_grain(
     earlier: tuple[np.ndarray, np.ndarray], later: tuple[np.ndarray, np.ndarray], *, mask: np.ndarray | None = None
 ) -> GrainFigure:

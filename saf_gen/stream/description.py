@@ -113,11 +113,6 @@ def describe_provenance(stream: ReadableStream | EventFile | FrameFile) -> dict[
     return facts
 
 
-def describe_file(stream: ReadableStream) -> dict[str, str]:
-    """Return facts about a stream as texts by name: first its content, then its provenance."""
-    return {**describe_content(stream), **describe_provenance(stream)}
-
-
 def _read_json(stream: ReadableStream | EventFile | FrameFile, name: str) -> dict[str, Any]:
     """Return a JSON object from the provenance; an empty one if the text is missing or holds anything else."""
     try:

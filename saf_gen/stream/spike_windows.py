@@ -19,6 +19,8 @@ import numpy as np
 from saf_gen.core.region import Region, bounding_box, region_shape
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.count_cache import KeptCounts, counts_dtype
+from saf_gen.stream.event_file import has_events
+from saf_gen.stream.frame_file import has_frames
 from saf_gen.stream.manifest import (
     SequenceEntry,
     check_content,
@@ -96,10 +98,11 @@ class SpikeWindows:
     ------
     BadInput
         If the folder is not a dataset, the split or target is unknown, the dataset has several splits and none is
-        given, or a number is not allowed; and, when a window is read, if the stream lacks the truth, the lens
-        positions or the aperture that its target needs, if its scene moves and the target is its depth or blur, if
-        ``crop`` is not within the frame, if the stream is not the one that the manifest lists, if the folder for the
-        counts cannot be written, if kept counts were changed, or if the number of the window is not an integer.
+        given, its recordings hold events or frames, or a number is not allowed; and, when a window is read, if the
+        stream lacks the truth, the lens positions or the aperture that its target needs, if its scene moves and the
+        target is its depth or blur, if ``crop`` is not within the frame, if the stream is not the one that the manifest
+        lists, if the folder for the counts cannot be written, if kept counts were changed, or if the number of the
+        window is not an integer.
     IndexError
         If there is no window of this number.
     """
@@ -124,6 +127,7 @@ class SpikeWindows:
         entries = [entry for entry in manifest.sequences if entry.split in splits]
         if not entries:
             raise BadInput("holds no recordings", where=str(dataset), hint="make them with saf-gen generate")
+        _check_bits(Path(dataset) / entries[0].file)
         shortest = min(entries, key=lambda entry: entry.frames)
         where = str(Path(dataset) / shortest.file)
         self.window = _positive_integer("window", window, max_value=shortest.frames, where=where)
@@ -236,6 +240,15 @@ class SpikeWindows:
         if position is None:
             raise _missing_metadata_error(stream, "the positions of its lens")
         return (truth - position[moments]).astype(np.float32)
+
+
+def _check_bits(path: Path) -> None:
+    """Raise BadInput if the recording holds events or frames, as :func:`open_stream` does; read no counts.
+
+    One camera has recorded a dataset, so that its first recording tells. A missing file is reported with its windows.
+    """
+    if has_events(path) or has_frames(path):
+        open_stream(path).close()
 
 
 def _missing_metadata_error(stream: SpikeStream, what: str) -> BadInput:

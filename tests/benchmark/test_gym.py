@@ -201,6 +201,16 @@ def test_a_period_is_scored_as_a_search_would_score_it_whatever_the_threads(data
     assert "sd_calibratd" in refusal(env.episode.score, "sd_calibratd").problem
 
 
+def test_a_measure_that_corrects_for_spikes_scores_no_photons(dataset, tmp_path, call):
+    target = tmp_path / "photons"
+    assert call("recapture", dataset, "--sensor", "qvga_spad", "--sequence", PLANE, "--out", target)[0] == 0
+    env = make_env(target, threads=1)
+    env.reset(options={"sequence": PLANE})
+    assert env.episode.score("sd") > 0
+    error = refusal(env.episode.score, "sd_calibrated")
+    assert_says(error, "sd_calibrated corrects for the noise of spikes, and this recording holds single photons | sd")
+
+
 def test_the_truth_is_out_of_reach_before_the_end(dataset):
     """With another truth all observations are the same to the bit, and only rewards differ."""
     original, changed = make_env(dataset), make_env(dataset)

@@ -132,7 +132,9 @@ def test_windows_for_training_are_those_of_spikes_and_photons(kind, recording, c
     assert call("dataset", "index", recording.parent)[0] == 0
     if kind in BITS:
         assert SpikeWindows(recording.parent, window=20)[0][0].shape == (1, ROWS, COLUMNS)
+        recording.unlink()
+        assert "no such file" in refusal(SpikeWindows(recording.parent, window=20, stride=7).__getitem__, 0).problem
         return
-    error = refusal(lambda: SpikeWindows(recording.parent, window=20)[0])
+    error = refusal(SpikeWindows, recording.parent, window=20)
     assert f"holds {kind}, not spikes" in error.problem
     assert str(recording) in str(error)

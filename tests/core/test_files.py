@@ -16,7 +16,6 @@ from saf_gen.core.files import (
     check_writable,
     remove_leftovers,
     temporary_folder,
-    write_folder,
 )
 from saf_gen.errors import BadInput
 
@@ -72,26 +71,8 @@ def test_what_the_dead_left_goes_when_somebody_writes_there_and_nothing_else(tmp
         assert mine.is_dir()
 
 
-def test_a_folder_appears_when_it_is_complete_or_not_at_all(tmp_path):
-    def fill(fails: bool) -> None:
-        with write_folder(tmp_path / "out") as part:
-            (part / "a.txt").write_text("complete")
-            if fails:
-                raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fill(True)
-    assert not list(tmp_path.iterdir())
-    fill(False)
-    assert (tmp_path / "out" / "a.txt").read_text() == "complete"
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-    with pytest.raises(BadInput, match="out cannot be written: Directory not empty"):
-        fill(False)
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-
-
 def test_a_full_disk_is_reported_with_the_final_name_of_the_file(tmp_path):
-    with pytest.raises(BadInput) as raised, write_folder(tmp_path / "out") as part, atomic_file(part / "a.txt"):
+    with pytest.raises(BadInput) as raised, temporary_folder(tmp_path / "out") as part, atomic_file(part / "a.txt"):
         raise OSError(errno.ENOSPC, "")
     assert raised.value.problem == f"{tmp_path}/out/a.txt cannot be written: No space left on device"
     assert "run the same command again" in raised.value.hint

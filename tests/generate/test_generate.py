@@ -25,7 +25,7 @@ from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.stack.focal_stack import StackStore
-from saf_gen.stream.description import describe_file
+from saf_gen.stream.description import describe_content
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.recorded_grain import grain_of_stream
 
@@ -108,7 +108,7 @@ def test_a_job_is_reported_as_done_once_its_files_have_their_names(first):
 def test_every_recording_says_how_much_grain_its_pictures_have(made):
     with saf_gen.open_stream(made.folder / "test" / "plane-constant-00.h5") as stream:
         grain = grain_of_stream(stream.metadata.provenance)
-        described = describe_file(stream)["grain"]
+        described = describe_content(stream)["grain"]
         assert abs(grain.moments[grain.focus].frame - stream.truth.frame) <= 0.5
     assert grain.samples == (16, 2)
     assert 0.01 < grain.rms_in_focus < 0.3

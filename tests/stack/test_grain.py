@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from mean_energy import mean_energy
 from refusals import refusal
 from scipy.stats import binom
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stack.grain import ENERGIES, correlate_grain, estimate_grain, mean_energy
+from saf_gen.stack.grain import ENERGIES, correlate_grain, estimate_grain
 
 FACTORS = (1, 2, 24, 2, 468, 20 / 36)
 """Energies of white noise of variance 1, in the order of ENERGIES: the sum of the squares of each filter."""

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mean_energy import mean_energy
 from refusals import refusal
 from small_dataset import SPEC
 
 from saf_gen.core.seeds import make_generator
 from saf_gen.stack.focal_stack import FocalStack, StackStore
-from saf_gen.stack.grain import ENERGIES, FILE, estimate_grain, mean_energy, measure_pictures, read_grain, write_grain
+from saf_gen.stack.grain import ENERGIES, FILE, estimate_grain, measure_pictures, read_grain, write_grain
 from saf_gen.stack.time_resolved import GRAIN_MOMENTS, PlaneSource, TimeResolvedStack, grain_along
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import grain_of_stream

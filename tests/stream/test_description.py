@@ -6,7 +6,7 @@ import pytest
 import saf_gen
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.plugins.motions import lens_positions
-from saf_gen.stream.description import describe_file
+from saf_gen.stream.description import describe_content, describe_provenance
 from saf_gen.stream.metadata import Truth
 
 
@@ -24,7 +24,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
         provenance={"variant": "llvm"},
     )
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_file(stream)
+        facts, making = describe_content(stream), describe_provenance(stream)
     assert facts["pixels"] == "6×4"
     assert facts["frames"] == "80 at 40000 Hz (0.002 s)"
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
@@ -32,7 +32,7 @@ def test_a_stream_with_truth_is_described(tmp_path):
     assert facts["true focus"] == "0.25000 of the travel, at frame 19.5"
     # 8 of 80 steps of 1/79 are between 0.2 and 0.3.
     assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel, where the lens is in 10.0% of the frames"
-    assert facts["variant"] == "llvm"
+    assert making["variant"] == "llvm"
 
 
 def test_a_tilted_target_and_a_lens_that_blurs_are_described(tmp_path):
@@ -42,7 +42,7 @@ def test_a_tilted_target_and_a_lens_that_blurs_are_described(tmp_path):
     }  # fmt: skip
     saf_gen.write_stream(tmp_path / "a.h5", np.zeros((80, 4, 6), np.uint8), truth=truth)
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_file(stream)
+        facts = describe_content(stream)
         assert (stream.truth.in_focus, stream.truth.least_blur_in_focus) == ((0.41, 0.6), (0.3, 0.52))
     assert facts["depth of focus"] == "0.45000 to 0.55000 of the travel"
     assert facts["target in focus"] == "0.41000 to 0.60000 of the travel, something of its middle 80 %"
@@ -66,7 +66,7 @@ def test_the_path_of_the_lens_is_described(tmp_path, motion, path, passed):
     truth = {"position": 0.25, "frame": min(focus_crossings(lens, 0.25), default=np.nan)}
     saf_gen.write_stream(tmp_path / "a.h5", np.zeros((80, 4, 6), np.uint8), focus_position=lens, truth=truth)
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_file(stream)
+        facts = describe_content(stream)
     assert (facts["focus"], facts["true focus"]) == (path, f"0.25000 of the travel, {passed}")
 
 
@@ -75,7 +75,7 @@ def test_rates_are_described_over_time_and_over_pixels(tmp_path):
     frames[50:, :, 5:] = 1  # half the pixels fire, in the second half
     saf_gen.write_stream(tmp_path / "a.h5", frames)
     with saf_gen.open_stream(tmp_path / "a.h5") as stream:
-        facts = describe_file(stream)
+        facts = describe_content(stream)
     assert facts["mean rate"] == "0.2500 spikes per pixel and readout"
     assert (facts["true focus"], facts["focus"]) == ("unknown", "not recorded")
     assert facts["rate over time"] == "0 to 0.5, in 50 parts of the recording"

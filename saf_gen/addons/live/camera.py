@@ -14,6 +14,8 @@ import numpy as np
 
 from saf_gen.addons.live.source import SENSOR, open_capture
 from saf_gen.benchmark.admission import admit_method
+from saf_gen.benchmark.method_spec import Method
+from saf_gen.benchmark.suitability import measure_misfit, method_misfit
 from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.clock import PACKET_FRAMES
@@ -40,6 +42,7 @@ CHUNK_FRAMES = 512
 MAX_READ_FRAMES = 20_000
 MAX_GAIN = 100.0
 REGIONS = ("target", "frame")
+HOLDER = "this camera counts"
 
 
 @dataclass(frozen=True)
@@ -293,13 +296,24 @@ class LiveCamera:
     def score(self, measure: str, frames: int | None = None) -> float:
         """Return the score of a focus measure, of the next ``frames`` readouts or, without them, of the last window.
 
-        Raises BadInput if the measure or ``frames`` is not valid, or if nothing has been read yet.
+        Raises BadInput if the measure or ``frames`` is not valid, if the measure does not suit the camera, or if
+        nothing has been read yet.
         """
+        if misfit := self.misfit_of_measure(measure):
+            raise misfit
         scorer = get_measure(measure)
         with self._lock:
             if frames is not None:
                 self.read(frames)
             return float(scorer(self.last_window(wanted_form(scorer))))
+
+    def misfit_of_measure(self, measure: str) -> BadInput | None:
+        """Return the error that says why a measure does not suit the camera, or None if it does."""
+        return measure_misfit(measure, self.capture.kind, form="bits", holder=HOLDER)
+
+    def misfit_of_method(self, method: Method) -> BadInput | None:
+        """Return the error that says why a method does not suit the camera, or None if it does."""
+        return method_misfit(method, self.capture.kind, form="bits", holder=HOLDER)
 
     def last_window(self, form: Form = "counts") -> np.ndarray:
         """Return the readouts that were read last, as a measure is called with them; BadInput if there are none."""
@@ -336,9 +350,11 @@ class LiveCamera:
         Raises
         ------
         BadInput
-            If there is no such method, or if the drive is too slow for it.
+            If there is no such method, if it does not suit the camera, or if the drive is too slow for it.
         """
         found = admit_method(method)
+        if misfit := self.misfit_of_method(found):
+            raise misfit
         protocol = ClosedLoopProtocol(self._actuator, budget_s, operations_per_s=OPERATIONS_PER_S)
         with self._lock:
             frames, seed = round(budget_s * self.readout_hz), derive_seed(self.capture.seed, "live run", self.readouts)

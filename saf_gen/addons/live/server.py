@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.addons.live.camera import MAX_READ_FRAMES, REGIONS, LiveCamera
-from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS
+from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.camera.exposure import firing_rate
 from saf_gen.camera.photons.sensor import SpadSensor, detection_rate
 from saf_gen.core.display_tone import display_gamma, white_level
@@ -326,10 +326,10 @@ def make_page(camera: LiveCamera, nonce: str) -> str:
         "regions": REGIONS,
         "region": camera.region,
         "readout_hz": camera.readout_hz,
-        "measures": measure_names(),
+        "measures": [name for name in measure_names() if not camera.misfit_of_measure(name)],
         "drawn": MEASURES,
         "lights": list(SCHEDULES),
-        "methods": DEFAULT_CLOSED_LOOP_METHODS,
+        "methods": [name for name in DEFAULT_CLOSED_LOOP_METHODS if not camera.misfit_of_method(parse_method(name))],
         "focus": camera.focus,
     }
     parts = {

@@ -53,12 +53,16 @@ class Guest:
 
     Attributes
     ----------
+    names : tuple of str
+        Names of its measure and its search without their options.
     parameters : str
         The measure and the search with every option.
     commands : bool
         Whether its search commands the lens.
     polarities : bool
         Whether its search needs events with their polarities.
+    measures : tuple of str
+        Names of the measures by which its search finds its answer, besides the method's.
     files : list of (str, str)
         Name and digest of each file that the method read while it was loaded.
     read_late : set of (str, str)
@@ -83,8 +87,9 @@ class Guest:
         self._spec, self.limits, self._lock = spec, limits, threading.Lock()
         self._process: GuestProcess | None = None
         self._lost = ""  # why it ended while it was loaded; it is then not started again
+        self.names = spec.measure[0], spec.search[0]
         self.parameters, self.commands, self.plugins = spec.name.replace("+", " + "), False, list[dict[str, Any]]()
-        self.polarities = False
+        self.polarities, self.measures = False, tuple[str, ...]()
         self.search_options, self.measure = dict[str, Any](), dict[str, bool]()
         self.cost = DeclaredCost()
         self._own, self._packages = {Path(file) for file in spec.files}, list[Path]()
@@ -104,6 +109,7 @@ class Guest:
         try:
             self.parameters, self.commands = self._as_written(str(hello["parameters"])), bool(hello["commands"])
             self.polarities = bool(hello["polarities"])
+            self.measures = tuple(map(str, hello["measures"]))
             self.plugins = list(hello["plugins"])
             self.cost = DeclaredCost(*(number_or_none(hello["cost"][name]) for name in ("measure", "window", "look")))
             self.search_options = {str(name): value for name, value in hello["search_options"].items()}

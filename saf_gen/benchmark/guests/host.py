@@ -32,8 +32,10 @@ from saf_gen.parts import View
 from saf_gen.stream.measure_input import Form
 
 PROGRAM = "saf_gen.benchmark.guests.process"
-KEPT_VARIABLES = ("PATH", "LANG", "LC_", "LD_LIBRARY_PATH", "DYLD_", "CUDA_", "NVIDIA_", "OMP_", "MKL_", "OPENBLAS_",
-                  "NUMBA_", "VIRTUAL_ENV", "CONDA_", "SYSTEMROOT", "WINDIR", "PROCESSOR_", "TZ")  # fmt: skip
+KEPT_VARIABLES = (
+    *("PATH", "LANG", "LC_", "TZ", "LD_LIBRARY_PATH", "DYLD_", "VIRTUAL_ENV", "CONDA_", "SYSTEMROOT", "WINDIR"),
+    *("PROCESSOR_", "CUDA_", "NVIDIA_", "OMP_", "MKL_", "OPENBLAS_", "NUMBA_"),
+)
 """Beginnings of the names of environment variables that a guest gets; all others, such as keys, it does not get."""
 WATCH_S = 0.1
 """Time between two looks at the memory of a guest that is computing."""
@@ -99,8 +101,10 @@ class GuestPart:
     """What the evaluator knows of the measure or the search of a guest."""
 
     text: str
+    intervals: bool = False
     commands: bool = False
     polarities: bool = False
+    measures: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return self.text
@@ -154,13 +158,19 @@ class GuestProcess:
         inherited = [self._memory.descriptor] if self._memory.descriptor >= 0 else []
         work = self._folder / "work"
         work.mkdir()
+        longest_s = max(limits.load_s, limits.run_s)
+        command = [sys.executable, "-P", "-m", program, str(self._memory.descriptor), self._memory.path, str(longest_s)]
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", program, str(self._memory.descriptor),
-                 self._memory.path, str(max(limits.load_s, limits.run_s))],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=work,
-                env=_environment(self._folder), pass_fds=inherited, start_new_session=True,
-            )  # fmt: skip
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                cwd=work,
+                env=_environment(self._folder),
+                pass_fds=inherited,
+                start_new_session=True,
+            )
         except OSError as error:
             self._memory.close()
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -196,10 +206,8 @@ class GuestProcess:
         self._run += 1
         left = self._limits.run_s
         known = view.positions(0)
-        message: dict[str, Any] = {
-            "start": self._run, "frames": view.frames, "readout_hz": view.readout_hz, "lag_s": view.lag_s,
-            "now": view.now, "positions": self._memory.write(known),
-        }  # fmt: skip
+        message: dict[str, Any] = {"start": self._run, "now": view.now, "positions": self._memory.write(known)}
+        message |= {"frames": view.frames, "readout_hz": view.readout_hz, "lag_s": view.lag_s}
         spent: BudgetSpentError | None = None
         shape: tuple[int, ...] = ()  # of the image in the message
         while True:
@@ -372,8 +380,9 @@ def _environment(folder: Path) -> dict[str, str]:
     """Return the environment of a guest, in which it finds this package and a home and temporary folder of its own."""
     kept = {name: text for name, text in os.environ.items() if name.upper().startswith(KEPT_VARIABLES)}
     paths = [str(Path(path).absolute()) for path in sys.path]  # '' is the working folder
-    return {**kept, "PYTHONPATH": os.pathsep.join(paths), MARK: str(folder), "PYTHONDONTWRITEBYTECODE": "1",
-            **dict.fromkeys(("HOME", "USERPROFILE", "TMPDIR", "TEMP", "TMP"), str(folder / "work"))}  # fmt: skip
+    own = dict.fromkeys(("HOME", "USERPROFILE", "TMPDIR", "TEMP", "TMP"), str(folder / "work"))
+    python = {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
+    return kept | python | own | {MARK: str(folder)}
 
 
 def _describe_end(code: int | None) -> str:

@@ -284,7 +284,7 @@ MAX_SCORES = 20_000
 def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple[Any, dict[str, Any]]:
     """Return the method and the first message, which describes it or says why it cannot be loaded."""
     before = set(sys.modules)
-    from saf_gen.benchmark.method_spec import build_method, nested_plugins, options_of
+    from saf_gen.benchmark.method_spec import build_method, named_measures, nested_plugins, options_of
     from saf_gen.benchmark.plugin_description import describe_plugins
     from saf_gen.benchmark.search_run import describe_exception
     from saf_gen.benchmark.view.operations import declared_cost
@@ -301,6 +301,7 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
                 "parameters": method.parameters,
                 "commands": commands(method.search),
                 "polarities": any(map(wants_polarities, nested_plugins(method.search))),
+                "measures": named_measures(method.search),
                 "search_options": _plain_options(options_of(method.search)),
                 "measure": {key: bool(getattr(method.measure, key, False)) for key in ("halves", "intervals", "timed")},
                 "cost": asdict(declared_cost(method.measure, method.search)),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.benchmark.suitability import measure_misfit
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.closed_loop_run import (
     ClosedLoopRun,
@@ -71,7 +72,8 @@ class Episode:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
         captured = replace(sequence, capture=capture).make_captured(threads=threads)
         self._camera = start_camera(captured, _no_score, protocol=protocol)
-        self._truth, self._hz, self._pixels = capture.truth, capture.sensor.readout_hz, pixels
+        self._capture, self._truth, self._sensor, self._pixels = capture, capture.truth, capture.sensor, pixels
+        self._hz = capture.sensor.readout_hz
         self._budget = protocol.count_frames(capture)[0]
         self.period = max(-(-round(control_s * self._hz) // PACKET_FRAMES), 1) * PACKET_FRAMES
         frames, track = self._camera.frames, self._truth.track
@@ -93,8 +95,11 @@ class Episode:
     def score(self, measure: str) -> float:
         """Return the score of the last control period by a focus measure, for wrappers that show it to a policy.
 
-        Raises BadInput before the first period, if the measure is unknown, and if the score is not a finite number.
+        Raises BadInput before the first period, if the measure is unknown or does not suit the camera, and if the score
+        is not a finite number.
         """
+        if misfit := measure_misfit(measure, self._capture.kind, form=self._capture.camera.form):
+            raise misfit
         return self._camera.score(self._camera.now - self.period, self._camera.now, measure)
 
     def observe(self) -> dict[str, np.ndarray]:

@@ -169,21 +169,21 @@ def chart_sweep(sweep: SweepSummary, records: Sequence[Record], *, measures: Seq
         if sweep.track is not None:
             moving = np.interp(frames, np.arange(len(lens)), sweep.track)
             lines.append(_line("true focus", (frames, moving), style=INK))
+    area, unit = (to_axis(sweep.frames), sweep.rate / brightest), f"{brightest:.3g} spikes per pixel and readout"
+    marks: list[list[Any]] = []
+    for row, (search, by_measure) in enumerate(rows.items()):
+        for place, (measure, frame) in enumerate(sorted(by_measure.items(), key=lambda item: styles[item[0]])):
+            name, height = f"{measure}+{search}" if search else measure, (place + 0.5) / len(by_measure)
+            marks.append([row, height, *_short(to_axis(np.array([frame]))), styles[measure], name])
     data = {
         "x": "frame" if over_frames else "focus position, fraction of travel",
         "y": "focus score, normalised" if groups else "",
-        "area": _line(f"light, 1 is {brightest:.3g} spikes per pixel and readout",
-                      (to_axis(sweep.frames), sweep.rate / brightest), style=SOFT),
+        "area": _line(f"light, 1 is {unit}", area, style=SOFT),
         "lines": lines,
         "rows": [search or PREDICTIONS_LABEL for search in rows],
-        "marks": [
-            [row, (place + 0.5) / len(by_measure), *_short(to_axis(np.array([frame]))), styles[measure],
-             f"{measure}+{search}" if search else measure]
-            for row, (search, by_measure) in enumerate(rows.items())
-            for place, (measure, frame) in enumerate(sorted(by_measure.items(), key=lambda item: styles[item[0]]))
-        ],
+        "marks": marks,
         **_mark_truth(sweep, over_frames=over_frames),
-    }  # fmt: skip
+    }
     motion = ", dynamic" if sweep.scene_motion == "dynamic" else ""
     title = f"{label_scene(sweep.split, sweep.scene)}, {sweep.light or sweep.sequence}{motion}"
     return Chart("curves" if sweep.curves else "sweep", label_scene(sweep.split, sweep.scene), title, data)

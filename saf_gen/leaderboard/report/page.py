@@ -279,9 +279,9 @@ def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Mark
         )
     if level or len(leaders) > 1:
         them = "it" if len(leaders) == 1 else "them"
-        rest = f"{level} of {plural(others, 'other method')}, shaded, cannot be told apart from {them}" if level else (
-            "every other method can be told apart"
-        )  # fmt: skip
+        rest = "every other method can be told apart"
+        if level:
+            rest = f"{level} of {plural(others, 'other method')}, shaded, cannot be told apart from {them}"
         return Markup("<strong>{} {}</strong>, {}; {}.").format(
             names, "leads" if len(leaders) == 1 else "lead together", right, rest
         )

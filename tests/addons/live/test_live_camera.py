@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 import saf_gen
 from saf_gen.addons.live.camera import LiveCamera
@@ -160,6 +161,13 @@ def test_what_is_not_allowed_is_told_in_one_line(still, call, problem):
         call(LiveCamera(still))
     assert problem in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_photons_are_scored_by_no_measure_that_corrects_for_spikes(photons):
+    camera, problem = LiveCamera(photons), "corrects for the noise of spikes, and this camera counts single photons"
+    assert camera.score("sd", frames=400) > 0
+    for call in (lambda: camera.score("sd_debiased"), lambda: camera.run("structure_calibrated+photon_aware")):
+        assert problem in str(refusal(call))
 
 
 def test_a_scene_is_rendered_once_and_kept(tmp_path, monkeypatch, test_scenes, small_sensor):

@@ -129,6 +129,17 @@ def test_a_request_that_is_not_allowed_is_told_so_and_the_page_goes_on(server, p
     assert see(server)[0]["rows"] > 0
 
 
+def test_the_page_of_a_camera_of_photons_offers_what_suits_photons(still, photons):
+    measure, method = '"sd_calibrated"', '"structure_calibrated+photon_aware"'
+    for capture, offered in ((still, True), (photons, False)):
+        with serve(capture) as server:
+            page = ask(server, "", None)[1].decode()
+            assert [name in page for name in (measure, method, '"sd_code+egs_code"')] == [offered, offered, True]
+            status, answer = ask(server, "picture", {"measures": ["sd_calibrated"]})
+            assert (status == 200) == offered
+    assert "corrects for the noise of spikes" in json.loads(answer)["error"]
+
+
 def test_only_the_reader_of_the_address_is_answered_and_only_by_this_name(server):
     bare = f"http://127.0.0.1:{server.server_port}/"
     assert server.server_address[0] == "127.0.0.1"
