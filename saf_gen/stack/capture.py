@@ -116,7 +116,7 @@ class Capture:
                 allowed="streams of a dataset, for the closed-loop track",
                 hint="remove it and run saf-gen generate again, or use --track recorded",
             ) from error
-        recorder = sensor if own else _recorder(stream)
+        recorder = None if own else _recorder(stream)
         specs = tuple(StackSpec.read(stacks, key) for key in keys)
         moving = len(specs) > 1
         if moving and stream.form == "frames":
