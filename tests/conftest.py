@@ -69,21 +69,14 @@ def _jobs_in_this_process():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def draw_contact_sheets():
+def _empty_contact_sheets():
     """Make contact sheets of datasets empty files, because drawing them takes longer than rendering a small stack.
 
-    Return the real function that draws them. Commands that run in another process still draw them.
+    Commands that run in another process still draw them.
     """
-    real = run._write_previews
-
-    def write_empty(plan):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
-            real(plan)
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "_write_previews", write_empty)
-        yield real
+        patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
+        yield
 
 
 def _write_empty_sheet(stack, sensor, *, path):
