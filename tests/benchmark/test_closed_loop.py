@@ -10,7 +10,6 @@ from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
-from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -219,18 +218,34 @@ def test_an_interrupt_stops_the_evaluation(capture):
         run(capture, Commands(raises(KeyboardInterrupt())))
 
 
-def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
+class Nowhere:
+    commands = True
+
+    def __call__(self, view):
+        return go_to(math.nan)(view)
+
+
+class Sound:
+    commands = True
+
+    def __call__(self, view):
+        return go_to(0.5)(view)
+
+
+def test_broken_methods_do_not_affect_others(dataset, register):
     """Each broken method has a failed record of each sequence; the sound one answers on all."""
     searches = {
-        "sd+nowhere": go_to(math.nan),
-        "sd+float": lambda view: 1234.5,
-        "sd+trace": lambda view: Answer(5, trace=None),
-        "sd+sound": go_to(0.5),
-        "sd+disk": raises(OSError("no weights")),
-        "sd+exit": raises(SystemExit(0)),
+        "nowhere": Nowhere,
+        "float_": lambda view: 1234.5,
+        "trace": lambda view: Answer(5, trace=None),
+        "sound": Sound,
+        "disk": raises(OSError("no weights")),
+        "exits": raises(SystemExit(0)),
     }
-    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda name, _: replace(method(searches[name]), name=name))
-    result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
+    for name, search in searches.items():
+        register("searches", name, search)
+    methods = [f"sd+{name}" for name in searches]
+    result = evaluate_module.evaluate(dataset, methods=methods, protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
     grain = {record.scene_motion: record.grain_rms for record in result.records}
@@ -256,11 +271,21 @@ def ignore_errors(view):
         (Commands(ignore_errors), OSError("no such disk")),
     ],
 )
-def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
-    charge_source = capture.open_charge_source()
-    monkeypatch.setattr(charge_source, "encoder_inputs", lambda run, **options: raises(error)(run))
+def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, search, error):
+    class Torn:
+        """A source of charge whose disk fails."""
+
+        def __init__(self, source):
+            self.source = source
+
+        def __getattr__(self, name):
+            return getattr(self.source, name)
+
+        def encoder_inputs(self, run, **options):
+            raise error
+
     with pytest.raises(type(error), match=str(error)):
-        run_method(capture, method(search), charge_source=charge_source)
+        run_method(capture, method(search), charge_source=Torn(capture.open_charge_source()))
 
 
 def test_both_regions_are_seen(dataset):

@@ -81,7 +81,8 @@ def with_truth(env, **changes):
     """Change the truth of the still plane in an environment, and return the environment."""
     sequence = load(env)
     truth = replace(sequence.capture.truth, **changes)
-    env._sequences[PLANE] = replace(sequence, capture=replace(sequence.capture, truth=truth))
+    changed, load_sequence = replace(sequence, capture=replace(sequence.capture, truth=truth)), env.load_sequence
+    env.load_sequence = lambda task: changed if task.id == PLANE else load_sequence(task)
     return env
 
 
@@ -448,13 +449,13 @@ def test_an_environment_or_an_episode_that_cannot_be_is_refused(dataset, more, r
     assert_says(refusal(lambda: make_env(dataset, **more).reset(seed=1, **reset)), words)
 
 
-def test_a_policy_run_that_cannot_be_is_refused(dataset, monkeypatch):
+def test_a_policy_run_that_cannot_be_is_refused(dataset):
     env = make_env(dataset, sequences=[PLANE])
     policy = visit(0.5)
     assert "'my policy'" in refusal(evaluate_policy, env, policy, method="my policy").problem
     other = gymnasium.make("CartPole-v1")
     assert "AutofocusEnv" in refusal(evaluate_policy, other, policy, method="m").allowed
-    monkeypatch.setattr(policy, "__module__", "typed_in")
+    policy.__module__ = "typed_in"
     assert "code='1'" in refusal(evaluate_policy, env, policy, method="m").hint
 
 
