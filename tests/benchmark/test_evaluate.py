@@ -10,7 +10,6 @@ from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_s
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark import evaluate as evaluate_module
-from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -221,20 +220,24 @@ def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
         assert parse_method(f"{tmp_path}/at@home.py:Range+argmax{end}").region == region
 
 
-def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
-    run = sequence_evaluation.evaluate_recorded
+def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, tmp_path):
+    """Its spikes are damaged once the method has answered for the first region."""
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    path, steps = copy / "test/board2-ramp-0.h5", []
+    with h5py.File(path) as file:
+        chunk = file["spikes"].id.get_chunk_info(0)
 
-    def breaks(task, methods, *, region, **more):
-        if region == "frame" and task.light == "ramp":
-            raise OSError("the disk is gone")
-        return run(task, methods, region=region, **more)
+    def tear(*step):
+        steps.append(step)
+        if step[2] == "board2-ramp-0 sd+argmax":
+            with path.open("r+b") as raw:
+                raw.seek(chunk.byte_offset)
+                raw.write(b"\xff" * chunk.size)
+            BLOCK_MEMORY.reset()  # a longer recording would not stay in it
 
-    monkeypatch.setattr(sequence_evaluation, "evaluate_recorded", breaks)
-    steps = []
-    found = evaluate(
-        dataset, methods=["sd+argmax"], split="all", region="both", progress=lambda *step: steps.append(step)
-    )
-    assert [failure.problem for failure in found.failures] == ["the disk is gone"]
+    found = evaluate(copy, methods=["sd+argmax"], split="all", region="both", progress=tear)
+    (failure,) = found.failures
+    assert (failure.sequence, "damaged" in failure.problem) == ("board2-ramp-0", True)
     assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
     assert steps[-1][:2] == (6, 6)
 

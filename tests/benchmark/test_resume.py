@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from planted_sweeps import write_three_sweeps
 
-from saf_gen.benchmark import kept_sequences
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.guests import guest
@@ -97,7 +96,6 @@ def dataset(tmp_path_factory):
 def mine(tmp_path, monkeypatch, forget_packages):
     """A folder with a method, in the working folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(kept_sequences, "WRITE_INTERVAL_S", 0.0)
     for name, text in FILES.items():
         file = tmp_path / "mine" / name
         file.parent.mkdir(exist_ok=True, parents=True)
