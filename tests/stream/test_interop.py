@@ -65,9 +65,8 @@ def test_time_blocks_join_without_a_seam(tmp_path):
         assert stream.readout_hz == 40_000
         for t in (1_999, 2_000, 2_002):
             assert np.array_equal(stream.frames(t, t + 1)[0], decoded(raw, "416", t))
-        assert json.loads(stream.metadata.provenance["import"]) == {
-            "file": "a.dat", "layout": "416", "flip": False, "frames": 2_003,
-        }  # fmt: skip
+        imported = json.loads(stream.metadata.provenance["import"])
+        assert (imported["layout"], imported["frames"]) == ("416", 2_003)
     export_raw_frames(tmp_path / "a.h5", tmp_path / "b.dat")
     rows = np.frombuffer((tmp_path / "b.dat").read_bytes(), np.uint8).reshape(2_003, 250, 52)
     assert np.array_equal(rows[:, :, :50], np.frombuffer(raw, np.uint8).reshape(2_003, 250, 52)[:, :, :50])
