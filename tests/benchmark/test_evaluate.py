@@ -9,7 +9,6 @@ from own_plugins import PARTS
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_sweep
 from refusals import assert_says, refusal
 
-from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -382,18 +381,14 @@ def test_a_file_of_other_bytes_with_the_same_content_is_judged(dataset, tmp_path
     assert evaluate(copy, methods=["sd+argmax"]).records[0].data == evaluate(dataset).records[0].data
 
 
-def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path, monkeypatch):
-    for most in ("DRAWN_SEQUENCES", "THUMBNAIL_SEQUENCES"):
-        monkeypatch.setattr(evaluate_module, most, 1)
+def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path):
+    """Of two sequences of one condition, the first is drawn."""
     for name in ("a", "b"):
         write_sweep(tmp_path / "test" / f"{name}.h5", 400)
-    listed = list_streams(tmp_path, {"id": "a"}, {"id": "b", "light": "ramp"})
+    listed = list_streams(tmp_path, {"id": "a"}, {"id": "b"})
     found = evaluate(listed, methods=["sd+argmax"])
     assert [sweep.sequence for sweep in found.sweeps] == ["a"]
-    assert [(curve.measure, curve.sequence, curve.light) for curve in found.curves] == [
-        ("sd", "a", "constant"),
-        ("sd", "b", "ramp"),
-    ]
+    assert [(curve.measure, curve.sequence) for curve in found.curves] == [("sd", "a"), ("sd", "b")]
     assert found.curves[0].quality == found.curves[1].quality
 
 

@@ -73,9 +73,7 @@ def chunked(tmp_path_factory):
     return path, frames
 
 
-def test_any_window_and_region_equals_slicing(chunked, monkeypatch):
-    """Also if only three blocks may be kept."""
-    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
+def test_any_window_and_region_equals_slicing(chunked):
     path, frames = chunked
     packed = pack_bits(frames)
     draw = np.random.default_rng(3)
