@@ -2,6 +2,7 @@
 
 import fcntl
 import gc
+import importlib
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 from saf_gen.authoring import jobs
 from saf_gen.cli import _terminal, main
+from saf_gen.core.config import registry
 from saf_gen.core.cores import usable_cores
 from saf_gen.core.execution import run_jobs
 from saf_gen.generate import run
@@ -69,21 +71,14 @@ def _jobs_in_this_process():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def draw_contact_sheets():
+def _empty_contact_sheets():
     """Make contact sheets of datasets empty files, because drawing them takes longer than rendering a small stack.
 
-    Return the real function that draws them. Commands that run in another process still draw them.
+    Commands that run in another process still draw them.
     """
-    real = run._write_previews
-
-    def write_empty(plan):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
-            real(plan)
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "_write_previews", write_empty)
-        yield real
+        patch.setattr("saf_gen.authoring.contact_sheet.write_preview", _write_empty_sheet)
+        yield
 
 
 def _write_empty_sheet(stack, sensor, *, path):
@@ -137,6 +132,33 @@ def own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     register_folder(tmp_path / "scenes")
     return tmp_path
+
+
+@pytest.fixture
+def register() -> Iterator[Callable[[str, str, object], None]]:
+    """Return a function ``(kind, name, part)`` that registers a plug-in under a name until the test ends."""
+    added = []
+
+    def add(plugin_kind: str, name: str, part: object) -> None:
+        registry.add_plugin(plugin_kind, part, name=name)
+        added.append((plugin_kind, name))
+
+    yield add
+    for plugin_kind, name in added:
+        registry._registered_here[plugin_kind].pop(name, None)
+
+
+@pytest.fixture
+def forget_packages() -> Iterator[Callable[[], None]]:
+    """Return a function that lets the registry look anew for installed packages, as it does after the test."""
+
+    def forget() -> None:
+        importlib.invalidate_caches()
+        registry._entry_points.cache_clear()
+        registry._find_plugin_class.cache_clear()
+
+    yield forget
+    forget()
 
 
 @pytest.fixture

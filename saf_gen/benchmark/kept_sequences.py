@@ -8,12 +8,12 @@ import hashlib
 import json
 import os
 import shutil
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -86,7 +86,7 @@ class KeptSequences:
         self._decisive: list[Any] = []
         self._found: dict[str, Evaluation] = {}
         self._new: dict[str, Evaluation] = {}
-        self._written, self.reused = monotonic(), 0
+        self._written, self.reused = time.monotonic(), 0
 
     def begin(
         self,
@@ -152,7 +152,7 @@ class KeptSequences:
         """
         if self._folder is not None:
             self._new[self._key(task, draw)] = result
-            if monotonic() - self._written >= WRITE_INTERVAL_S:
+            if time.monotonic() - self._written >= WRITE_INTERVAL_S:
                 self.write()
 
     def count_left_over(self) -> Counter[str | None]:
@@ -163,7 +163,7 @@ class KeptSequences:
         """Write the results that are not on disk yet; raise BadInput if the file cannot be written."""
         if self._folder is not None and self._new:
             _write(self._folder, self._new)
-        self._new, self._written = {}, monotonic()
+        self._new, self._written = {}, time.monotonic()
 
     def remove(self) -> None:
         """Delete the kept results, because the evaluation has been written."""

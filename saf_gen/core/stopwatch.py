@@ -1,7 +1,7 @@
 """A stopwatch for calls, which separates the time of a method from the time of the evaluator."""
 
+import time
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -15,8 +15,8 @@ class Stopwatch:
 
     def time(self, call: Callable[..., T], *args: Any, **kwargs: Any) -> T:
         """Call ``call`` with the arguments, and return what it returns or raise what it raises."""
-        begin = perf_counter()
+        begin = time.perf_counter()
         try:
             return call(*args, **kwargs)
         finally:
-            self.seconds += perf_counter() - begin
+            self.seconds += time.perf_counter() - begin

@@ -10,7 +10,6 @@ from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
-from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -23,6 +22,7 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.measures import get_measure
 from saf_gen.stack.capture import Capture
+from saf_gen.stack.light import SceneLight
 from saf_gen.stream.metadata import Truth
 
 IDEAL = get_actuator(
@@ -219,18 +219,34 @@ def test_an_interrupt_stops_the_evaluation(capture):
         run(capture, Commands(raises(KeyboardInterrupt())))
 
 
-def test_broken_methods_do_not_affect_others(dataset, monkeypatch):
+class Nowhere:
+    commands = True
+
+    def __call__(self, view):
+        return go_to(math.nan)(view)
+
+
+class Sound:
+    commands = True
+
+    def __call__(self, view):
+        return go_to(0.5)(view)
+
+
+def test_broken_methods_do_not_affect_others(dataset, register):
     """Each broken method has a failed record of each sequence; the sound one answers on all."""
     searches = {
-        "sd+nowhere": go_to(math.nan),
-        "sd+float": lambda view: 1234.5,
-        "sd+trace": lambda view: Answer(5, trace=None),
-        "sd+sound": go_to(0.5),
-        "sd+disk": raises(OSError("no weights")),
-        "sd+exit": raises(SystemExit(0)),
+        "nowhere": Nowhere,
+        "float_": lambda view: 1234.5,
+        "trace": lambda view: Answer(5, trace=None),
+        "sound": Sound,
+        "disk": raises(OSError("no weights")),
+        "exits": raises(SystemExit(0)),
     }
-    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda name, _: replace(method(searches[name]), name=name))
-    result = evaluate_module.evaluate(dataset, methods=list(searches), protocol=ClosedLoopProtocol(IDEAL))
+    for name, search in searches.items():
+        register("searches", name, search)
+    methods = [f"sd+{name}" for name in searches]
+    result = evaluate_module.evaluate(dataset, methods=methods, protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
     grain = {record.scene_motion: record.grain_rms for record in result.records}
@@ -256,11 +272,16 @@ def ignore_errors(view):
         (Commands(ignore_errors), OSError("no such disk")),
     ],
 )
-def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, monkeypatch, search, error):
+def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, search, error):
+    class Torn(SceneLight):
+        """Light whose disk fails."""
+
+        def weighted(self, span, lens):
+            raise error
+
     light = capture.open_light()
-    monkeypatch.setattr(light.source, "encoder_inputs", lambda run, **options: raises(error)(run))
     with pytest.raises(type(error), match=str(error)):
-        run_method(capture, method(search), light=light)
+        run_method(capture, method(search), light=Torn(light.source, light.gain))
 
 
 def test_both_regions_are_seen(dataset):

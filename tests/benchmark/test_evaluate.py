@@ -1,6 +1,5 @@
 import json
 import shutil
-from dataclasses import replace
 from fractions import Fraction
 
 import h5py
@@ -10,8 +9,6 @@ from own_plugins import PARTS
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_sweep
 from refusals import assert_says, refusal
 
-from saf_gen.benchmark import evaluate as evaluate_module
-from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -222,20 +219,24 @@ def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
         assert parse_method(f"{tmp_path}/at@home.py:Range+argmax{end}").region == region
 
 
-def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, monkeypatch):
-    run = sequence_evaluation.evaluate_recorded
+def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, tmp_path):
+    """Its spikes are damaged once the method has answered for the first region."""
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    path, steps = copy / "test/board2-ramp-0.h5", []
+    with h5py.File(path) as file:
+        chunk = file["spikes"].id.get_chunk_info(0)
 
-    def breaks(task, methods, *, region, **more):
-        if region == "frame" and task.light == "ramp":
-            raise OSError("the disk is gone")
-        return run(task, methods, region=region, **more)
+    def tear(*step):
+        steps.append(step)
+        if step[2] == "board2-ramp-0 sd+argmax":
+            with path.open("r+b") as raw:
+                raw.seek(chunk.byte_offset)
+                raw.write(b"\xff" * chunk.size)
+            BLOCK_MEMORY.reset()  # a longer recording would not stay in it
 
-    monkeypatch.setattr(sequence_evaluation, "evaluate_recorded", breaks)
-    steps = []
-    found = evaluate(
-        dataset, methods=["sd+argmax"], split="all", region="both", progress=lambda *step: steps.append(step)
-    )
-    assert [failure.problem for failure in found.failures] == ["the disk is gone"]
+    found = evaluate(copy, methods=["sd+argmax"], split="all", region="both", progress=tear)
+    (failure,) = found.failures
+    assert (failure.sequence, "damaged" in failure.problem) == ("board2-ramp-0", True)
     assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
     assert steps[-1][:2] == (6, 6)
 
@@ -255,15 +256,8 @@ def raising(error):
     return part
 
 
-def with_search(monkeypatch, search, **more):
-    spec = parse_method("sd+argmax")
-    monkeypatch.setattr(
-        sequence_evaluation, "admit_method", lambda *_: replace(spec, name="sd+mine", search=search, **more)
-    )
-
-
-def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
-    with_search(monkeypatch, Abstains())
+def test_an_abstention_is_recorded_apart_from_errors(stream_file, register):
+    register("searches", "mine", Abstains)
     record = one(stream_file, "sd+mine")
     assert (record.status, record.note) == ("abstained", "nothing seen")
     assert (record.frame, record.error, record.success_1dof) == (None, None, False)
@@ -288,11 +282,9 @@ def test_an_abstention_is_recorded_apart_from_errors(stream_file, monkeypatch):
         (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),
     ],
 )
-def test_a_wrong_answer_or_an_exception_is_a_failure_of_that_method_only(dataset, monkeypatch, search, note):
+def test_a_wrong_answer_or_an_exception_is_a_failure_of_that_method_only(dataset, register, search, note):
     """Even an OSError, which from the data would be a failure of the sequence."""
-    sound = parse_method("sd+argmax")
-    broken = replace(sound, name="sd+mine", search=search)
-    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda name, _: broken if name == "sd+mine" else sound)
+    register("searches", "mine", search)
     result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
     assert result.failures == ()
     assert [r.status for r in result.records] == ["failed", "answered"] * 2
@@ -302,27 +294,26 @@ def test_a_wrong_answer_or_an_exception_is_a_failure_of_that_method_only(dataset
     assert result.records[0].note.encode("utf-8")  # it can be written to a file
 
 
-def test_a_broken_measure_is_a_failure_of_its_method(stream_file, monkeypatch):
-    with_search(monkeypatch, Abstains(), measure=raising(RuntimeError("no light")))
-    record = one(stream_file, "sd+mine")
+def test_a_broken_measure_is_a_failure_of_its_method(stream_file, register):
+    register("measures", "dark", raising(RuntimeError("no light")))
+    record = one(stream_file, "dark+argmax")
     assert (record.status, record.note) == ("failed", "RuntimeError: no light")
 
 
-def test_an_interrupt_stops_the_evaluation(stream_file, monkeypatch):
-    with_search(monkeypatch, raising(KeyboardInterrupt()))
+def test_an_interrupt_stops_the_evaluation(stream_file, register):
+    register("searches", "mine", raising(KeyboardInterrupt()))
     with pytest.raises(KeyboardInterrupt):
         one(stream_file, "sd+mine")
 
 
-def test_any_kind_of_number_is_an_answer(stream_file, monkeypatch):
-    with_search(monkeypatch, lambda view: Answer(Fraction(601, 2), (np.float32(0.5), 1)))
+def test_any_kind_of_number_is_an_answer(stream_file, register):
+    register("searches", "mine", lambda view: Answer(Fraction(601, 2), (np.float32(0.5), 1)))
     record = one(stream_file, "sd+mine")
     assert (record.status, record.frame, record.trace) == ("answered", 300.5, (0.5, 1.0))
 
 
-def test_damage_that_only_a_method_reads_is_not_a_failure_of_the_method(tmp_path, monkeypatch):
-    """The last 50 frames, read neither for the mean rate nor for thumbnails, are damaged while the method runs."""
-    monkeypatch.setattr(evaluate_module, "THUMBNAIL_SEQUENCES", 0)
+def test_damage_that_only_a_method_reads_is_not_a_failure_of_the_method(tmp_path, register):
+    """The last 50 frames, which are not read for the mean rate, are damaged while the method runs."""
     path = tmp_path / "torn.h5"
     write_stream(path, make_spikes(20, shape=(20_050, 8, 8)))
     with h5py.File(path) as file:
@@ -335,8 +326,8 @@ def test_damage_that_only_a_method_reads_is_not_a_failure_of_the_method(tmp_path
         BLOCK_MEMORY.reset()  # a longer recording would not stay in it
         return Answer(view.score(20_000, 20_050))
 
-    with_search(monkeypatch, tear_and_score)
-    assert refusal(one, path, "sd+mine").where.endswith("torn.h5")
+    register("searches", "mine", tear_and_score)
+    assert refusal(evaluate, path, methods=["sd+mine"], draw=False).where.endswith("torn.h5")
 
 
 def darken(file):
@@ -390,40 +381,36 @@ def test_a_file_of_other_bytes_with_the_same_content_is_judged(dataset, tmp_path
     assert evaluate(copy, methods=["sd+argmax"]).records[0].data == evaluate(dataset).records[0].data
 
 
-def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path, monkeypatch):
-    for most in ("DRAWN_SEQUENCES", "THUMBNAIL_SEQUENCES"):
-        monkeypatch.setattr(evaluate_module, most, 1)
+def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path):
+    """Of two sequences of one condition, the first is drawn."""
     for name in ("a", "b"):
         write_sweep(tmp_path / "test" / f"{name}.h5", 400)
-    listed = list_streams(tmp_path, {"id": "a"}, {"id": "b", "light": "ramp"})
+    listed = list_streams(tmp_path, {"id": "a"}, {"id": "b"})
     found = evaluate(listed, methods=["sd+argmax"])
     assert [sweep.sequence for sweep in found.sweeps] == ["a"]
-    assert [(curve.measure, curve.sequence, curve.light) for curve in found.curves] == [
-        ("sd", "a", "constant"),
-        ("sd", "b", "ramp"),
-    ]
+    assert [(curve.measure, curve.sequence) for curve in found.curves] == [("sd", "a"), ("sd", "b")]
     assert found.curves[0].quality == found.curves[1].quality
 
 
-def test_the_view_of_a_recording_has_only_the_promised_members(stream_file, monkeypatch):
+def test_the_view_of_a_recording_has_only_the_promised_members(stream_file, register):
     held = []
 
     def looks(view):
         held.append(view)
         return Answer()
 
-    with_search(monkeypatch, looks)
+    register("searches", "mine", looks)
     assert one(stream_file, "sd+mine").status == "abstained"
     promised = {name for name in vars(View) if not name.startswith("_")}
     assert {name for name in dir(held[0]) if not name.startswith("_")} == promised
 
 
-def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, monkeypatch):
+def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, register):
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
     write_stream(tmp_path / "out.h5", make_spikes(1200.0), focus_position=lens, truth=make_truth(1200.0))
-    with_search(monkeypatch, raising(ZeroDivisionError("no light")))
+    register("searches", "mine", raising(ZeroDivisionError("no light")))
     assert one(tmp_path / "out.h5", "sd+mine").success_1dof is False
-    with_search(monkeypatch, Abstains())
+    register("searches", "mine", Abstains)
     assert one(tmp_path / "out.h5", "sd+mine").success_1dof is True
 
 

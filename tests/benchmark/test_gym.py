@@ -28,7 +28,6 @@ from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
 from saf_gen.plugins.measures import get_measure
-from saf_gen.stack.charge_source import ChargeSource
 
 PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
 PLANE = "plane-constant-00"
@@ -81,7 +80,8 @@ def with_truth(env, **changes):
     """Change the truth of the still plane in an environment, and return the environment."""
     sequence = load(env)
     truth = replace(sequence.capture.truth, **changes)
-    env._sequences[PLANE] = replace(sequence, capture=replace(sequence.capture, truth=truth))
+    changed, load_sequence = replace(sequence, capture=replace(sequence.capture, truth=truth)), env.load_sequence
+    env.load_sequence = lambda task: changed if task.id == PLANE else load_sequence(task)
     return env
 
 
@@ -411,17 +411,28 @@ def test_an_interrupt_of_a_policy_ends_the_evaluation_and_an_exit_or_a_wrapper_f
     assert record.note == "a wrapper of the environment ended the episode"
 
 
-def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset, monkeypatch):
-    encoder_inputs = ChargeSource.encoder_inputs
+class Torn:
+    """A source of charge whose disk fails after the first readouts."""
 
-    def torn(self, run, **options):
+    def __init__(self, source):
+        self.source = source
+
+    def __getattr__(self, name):
+        return getattr(self.source, name)
+
+    def encoder_inputs(self, run, **options):
         if run.begin >= STILL:
             raise BadInput("is cut short", where="a.exr")
-        return encoder_inputs(self, run, **options)
+        return self.source.encoder_inputs(run, **options)
 
-    monkeypatch.setattr(ChargeSource, "encoder_inputs", torn)
+
+def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset):
+    env = make_env(dataset, sequences=[PLANE])
+    sequence = load(env)
+    torn = replace(sequence, charge_source=Torn(sequence.charge_source))
+    env.load_sequence = lambda task: torn
     with pytest.raises(BadInput, match=r"a\.exr: is cut short"):
-        evaluate_policy(make_env(dataset, sequences=[PLANE]), visit(0.5), method="m", code="1")
+        evaluate_policy(env, visit(0.5), method="m", code="1")
 
 
 def test_without_gymnasium_one_line_says_what_to_install():
@@ -458,13 +469,13 @@ def test_an_environment_or_an_episode_that_cannot_be_is_refused(dataset, more, r
     assert_says(refusal(lambda: make_env(dataset, **more).reset(seed=1, **reset)), words)
 
 
-def test_a_policy_run_that_cannot_be_is_refused(dataset, monkeypatch):
+def test_a_policy_run_that_cannot_be_is_refused(dataset):
     env = make_env(dataset, sequences=[PLANE])
     policy = visit(0.5)
     assert "'my policy'" in refusal(evaluate_policy, env, policy, method="my policy").problem
     other = gymnasium.make("CartPole-v1")
     assert "AutofocusEnv" in refusal(evaluate_policy, other, policy, method="m").allowed
-    monkeypatch.setattr(policy, "__module__", "typed_in")
+    policy.__module__ = "typed_in"
     assert "code='1'" in refusal(evaluate_policy, env, policy, method="m").hint
 
 

@@ -1,6 +1,7 @@
 """Predictions of external programs: read strictly, judged like the answers of methods."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,9 @@ import pytest
 from planted_sweeps import list_streams, write_sweep
 from refusals import refusal
 
-from saf_gen.benchmark import evaluate as evaluate_module
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.tracks.predictions import read_predictions
-from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
+from saf_gen.stream.manifest import read_manifest, write_manifest
 
 
 @pytest.fixture(scope="module")
@@ -141,14 +141,12 @@ def test_a_method_answers_a_sequence_once(tmp_path):
     assert refusal(read_predictions, tmp_path / "pp.jsonl").nearest.endswith("p.jsonl")
 
 
-def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path, monkeypatch):
-    def longer(*args, **options):
-        selection = select_sequences_to_evaluate(*args, **options)
-        return replace(selection, tasks=[replace(task, frames=900) for task in selection.tasks])
-
-    monkeypatch.setattr(evaluate_module, "select_sequences_to_evaluate", longer)
+def test_where_the_manifest_says_another_length_that_prediction_alone_fails(dataset, tmp_path):
+    copy = shutil.copytree(dataset, tmp_path / "copy")
+    manifest = read_manifest(copy)
+    write_manifest(copy, replace(manifest, sequences=tuple(replace(s, frames=900) for s in manifest.sequences)))
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
-    ran, one, other, two = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
+    ran, one, other, two = evaluate(copy, methods=["sd+argmax"], predictions=path).records
     assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
     assert (one.status, one.frames_seen, one.success_2dof) == ("failed", 800, False)
     assert one.note == "frames_seen is 850, but 800 frames were recorded"

@@ -10,6 +10,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.camera import get_sensor
+from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
 from saf_gen.stack.capture import Capture
 from saf_gen.stream.metadata import Truth
@@ -59,12 +60,29 @@ def test_a_drive_needs_its_latency_the_whole_travel_and_the_lens_that_follows():
     assert sweep == math.ceil(seconds * 20_000)
 
 
+def shortest_recording(protocol):
+    """Return the smallest number of frames in which a sweep fits."""
+    too_short, fits = 16, 1 << 20
+    protocol.check_sweep(recorded(fits))
+    while fits - too_short > 1:
+        middle = (too_short + fits) // 2
+        try:
+            protocol.check_sweep(recorded(middle))
+        except BadInput:
+            too_short = middle
+        else:
+            fits = middle
+    return fits
+
+
 @pytest.mark.parametrize("name", sorted(set(actuator_names()) - {"ideal"}))
 def test_the_shortest_sweep_comes_to_the_far_end_from_wherever_the_lens_was(name):
     """The middle of the travel is farthest from the ends. Half the play is out of reach."""
     drive = get_actuator(name, place_rms=0)
     protocol = ClosedLoopProtocol(drive)
-    before, sweep = protocol._count_rest_frames(recorded(16)), protocol._count_sweep_frames(20_000)
+    frames = shortest_recording(protocol)
+    _, sweep = protocol.count_frames(recorded(frames))
+    before = frames - sweep
     for start in (0.0, 0.5):
         lens = ActuatedLens(drive, start=start, readout_hz=20_000, seed=1)
         lens.command(0.0)

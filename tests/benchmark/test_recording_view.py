@@ -8,7 +8,6 @@ from in_memory_stream import InMemory
 from refusals import refusal
 
 from saf_gen import get_measure, open_stream, write_stream
-from saf_gen.benchmark.view import recording
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.seeds import make_generator
 
@@ -22,11 +21,9 @@ def list_windows(frames):
     return [(a, b) for a, b in pairs if a < b <= frames]
 
 
-@pytest.mark.parametrize("frames", [1, 8, 63, 65, 4099])
+@pytest.mark.parametrize("frames", [1, 8, 63, 65, 2_040, 2_041, 4_099, 20_480])
 @pytest.mark.parametrize("region", [None, (slice(1, 4), slice(2, 7))])
-@pytest.mark.parametrize("knots", [256, 5, 1])
-def test_counts_are_the_frames_added_up(monkeypatch, frames, region, knots):
-    monkeypatch.setattr(recording, "KNOTS", knots)
+def test_counts_are_the_frames_added_up(frames, region):
     stream = InMemory(frames, 5, 8)
     counts = WindowCounts(stream, region)
     part = stream.spikes[:, *(region or (slice(None), slice(None)))]
@@ -58,9 +55,20 @@ def test_a_window_counted_before_is_not_counted_again_and_cannot_be_changed(kind
     assert "400 to 501" in refusal(look, 400, 501).problem
 
 
-def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
-    monkeypatch.setattr(recording, "WINDOW_BYTES", 3 * 4 * 12)
-    counts = WindowCounts(InMemory(500, 3, 4))
+class OneSpikeEach(InMemory):
+    """A large sensor whose frames take no memory."""
+
+    def __init__(self, frames, height, width):
+        super().__init__(1, 1, 1)
+        self.shape = (frames, height, width)
+
+    def counts(self, first, stop, region, filled=True):
+        return np.full(self.shape[1:], stop - first, np.uint32)
+
+
+def test_windows_kept_are_bounded_and_the_oldest_goes_first():
+    """A window of this sensor takes 80 MiB, and three fit."""
+    counts = WindowCounts(OneSpikeEach(40, 4096, 5120))
     windows = [counts.window(first, first + 10) for first in (0, 10, 20)]
     assert counts.window(0, 10) is windows[0]
     counts.window(30, 40)
@@ -68,16 +76,14 @@ def test_windows_kept_are_bounded_and_the_oldest_goes_first(monkeypatch):
     assert counts.window(10, 20) is not windows[1]
 
 
-def test_sums_at_knots_stay_within_their_memory(monkeypatch):
-    monkeypatch.setattr(recording, "KNOT_BYTES", 10 * 4 * 3600)
-    monkeypatch.setattr(recording, "WINDOW_BYTES", 0)
-    counts = WindowCounts(InMemory(6400, 60, 60, rate=0.5))
-    counts._stream.counts = lambda *_, **__: np.ones((60, 60), np.uint32)  # without the memory of the stream
+def test_sums_at_knots_stay_within_their_memory():
+    """Sums of 128 MiB, and a few images of 4 MiB; 256 of them would take 1 GiB."""
+    counts = WindowCounts(OneSpikeEach(20_480, 1024, 1024))
     tracemalloc.start()
-    counts.window(0, 6400)
+    counts.window(0, 20_480)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak <= (10 + 4) * 4 * 3600 + 50_000
+    assert 100 << 20 < peak <= (128 + 5 * 4) << 20
 
 
 def test_a_window_outside_the_recording_is_refused_and_costs_nothing():

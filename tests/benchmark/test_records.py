@@ -63,11 +63,10 @@ def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
     assert not hasattr(one, "__dict__")
 
 
-def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.core.config.document.MAX_LINE", 5_000)
-    (tmp_path / "records.jsonl").write_text(format_records([BLANK]) + " " * 5_001)
+def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path):
+    (tmp_path / "records.jsonl").write_text(format_records([BLANK]) + " " * ((1 << 24) + 1))
     error = refusal(read_records, tmp_path)
-    assert_says(error, "the line is too long | at most 5,000 characters")
+    assert_says(error, "the line is too long | at most 16,777,216 characters")
     assert error.where.endswith("records.jsonl:2")
 
 

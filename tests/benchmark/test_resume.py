@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from planted_sweeps import write_three_sweeps
 
-from saf_gen.benchmark import evaluate as module
-from saf_gen.benchmark import kept_sequences
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.guests import guest
 from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
 from saf_gen.benchmark.method_spec import TunedMethod, format_tuned
 from saf_gen.benchmark.records import READ_LATE, record_to_json
-from saf_gen.core.config import registry
 
 CARD = """name: mine
 measure: main.py:Mine
@@ -96,10 +93,9 @@ def dataset(tmp_path_factory):
 
 
 @pytest.fixture
-def mine(tmp_path, monkeypatch):
+def mine(tmp_path, monkeypatch, forget_packages):
     """A folder with a method, in the working folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(kept_sequences, "WRITE_INTERVAL_S", 0.0)
     for name, text in FILES.items():
         file = tmp_path / "mine" / name
         file.parent.mkdir(exist_ok=True, parents=True)
@@ -107,11 +103,10 @@ def mine(tmp_path, monkeypatch):
     (tmp_path / "mine" / "scale.onnx").write_bytes(scaling_network(3.0))
     tune(1.0)(tmp_path)
     monkeypatch.syspath_prepend(tmp_path / "mine" / "site")
-    registry._entry_points.cache_clear()
+    forget_packages()
     monkeypatch.setattr(guest, "_GUESTS", {})  # a package of this name was elsewhere in another test
     close("mine/main.py:Mine+argmax")  # a tuned file may name only code that the command line named
-    yield tmp_path / "mine"
-    registry._entry_points.cache_clear()
+    return tmp_path / "mine"
 
 
 def pieces(*fields):
@@ -146,21 +141,17 @@ def close(spec):
         running.close()
 
 
-def stop_in_the_third(monkeypatch, dataset, spec):
-    """Evaluate a method, and stop in the third sequence."""
-    run, done = module.evaluate_sequence, []
+def stop_in_the_third(dataset, spec):
+    """Evaluate a method, and stop before the third sequence."""
+    done = []
 
-    def stopping(task, *arguments, **options):
-        if len(done) == 2:
+    def stop(steps, total, what):
+        done.extend(name for name in ("one", "two", "three") if what == name)
+        if done == ["one", "two"]:
             raise KeyboardInterrupt
-        done.append(task.id)
-        return run(task, *arguments, **options)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "evaluate_sequence", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            evaluate(dataset, methods=[spec], keep=KeptSequences("kept"), draw=False)
-    assert done == ["one", "two"]
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(dataset, methods=[spec], keep=KeptSequences("kept"), draw=False, progress=stop)
 
 
 def write(name, text):
@@ -215,7 +206,7 @@ def test_a_resumed_evaluation_equals_a_fresh_one(change, mine, dataset, monkeypa
     spec, apply, reused = CHANGES[change]
     if "net" in spec:
         pytest.importorskip("onnxruntime", reason="the extra onnx is not installed")
-    stop_in_the_third(monkeypatch, dataset, spec)
+    stop_in_the_third(dataset, spec)
     close(spec)
     apply(mine)
     kept = KeptSequences("kept")
@@ -240,7 +231,7 @@ def test_a_row_says_what_its_code_does_not_cover(mine, dataset):
 
 def test_a_file_that_changes_in_mid_run_is_seen_when_the_run_is_resumed(mine, dataset, monkeypatch):
     """The method keeps what it read in its first call, so its rows are of the old file; a new run reads the new one."""
-    stop_in_the_third(monkeypatch, dataset, FILE)
+    stop_in_the_third(dataset, FILE)
     write("first.txt", "5")(mine)
     kept = KeptSequences("kept")
     evaluate(dataset, methods=[FILE], keep=kept, draw=False)
@@ -263,7 +254,7 @@ def many(view):
 def test_a_method_that_opens_more_files_than_are_counted_is_evaluated_again(mine, dataset, monkeypatch):
     spec = "sd+mine/many.py:many"
     write("many.py", MANY)(mine)
-    stop_in_the_third(monkeypatch, dataset, spec)
+    stop_in_the_third(dataset, spec)
     kept = KeptSequences("kept")
     (record, *_) = evaluate(dataset, methods=[spec], keep=kept, draw=False).records
     assert (record.frame, kept.reused) == (7.0, 0)
@@ -271,7 +262,7 @@ def test_a_method_that_opens_more_files_than_are_counted_is_evaluated_again(mine
 
 
 def test_the_command_says_that_what_was_kept_is_evaluated_again(mine, dataset, monkeypatch, call, tmp_path):
-    stop_in_the_third(monkeypatch, dataset, "mine/")
+    stop_in_the_third(dataset, "mine/")
     kept = kept_folder(tmp_path / "out")
     kept.parent.mkdir(exist_ok=True)
     (tmp_path / "kept").rename(kept)

@@ -1,15 +1,11 @@
 """Recordings in which nobody can find the focus, and answers that rest on nothing, count for no method."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from handmade_records import record
 
 from saf_gen import write_stream
-from saf_gen.benchmark import sequence_evaluation
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
@@ -77,11 +73,6 @@ def test_an_answer_from_equal_scores_is_no_answer(tmp_path, region):
     assert by_method["er_count+argmax"].status == "answered"
 
 
-def with_search(monkeypatch, search):
-    spec = parse_method("sd+argmax")
-    monkeypatch.setattr(sequence_evaluation, "admit_method", lambda *_: replace(spec, name="sd+mine", search=search))
-
-
 def two_scores(view):
     view.score(0, 400), view.score(400, 800)
     return Answer(200.0)
@@ -110,14 +101,14 @@ SEARCHES = {
 
 
 @pytest.mark.parametrize(("call", "status"), SEARCHES.values(), ids=SEARCHES)
-def test_only_scores_that_a_method_asked_for_take_its_answer(tmp_path, monkeypatch, call, status):
-    with_search(monkeypatch, call)
+def test_only_scores_that_a_method_asked_for_take_its_answer(tmp_path, register, call, status):
+    register("searches", "mine", call)
     (found,) = record_of(tmp_path, NOISE[:, :1, :1], SWEEP, 0.25, ["sd+mine"])
     assert found.status == status
 
 
-def test_a_search_that_never_looked_has_no_costs(tmp_path, monkeypatch):
-    with_search(monkeypatch, lambda view: Answer(200.0))
+def test_a_search_that_never_looked_has_no_costs(tmp_path, register):
+    register("searches", "mine", lambda view: Answer(200.0))
     (found,) = record_of(tmp_path, NOISE, SWEEP, 0.25, ["sd+mine"])
     assert (found.frames_seen, found.time_to_focus_s, found.lens_travel) == (0, None, None)
 

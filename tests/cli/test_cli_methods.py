@@ -172,7 +172,7 @@ def test_a_users_plug_in_is_shown_with_what_it_states(call, own):
 
 
 def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hides_no_other(
-    call, own, tmp_path, monkeypatch
+    call, own, tmp_path, monkeypatch, forget_packages
 ):
     info = tmp_path / "theirs-0.1.dist-info"
     info.mkdir()
@@ -180,12 +180,10 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
     offered = "[saf_gen.measures]\nmarked = somebody:Total\ngone = nowhere_at_all:Gone\nodd = somebody:Odd\n"
     (info / "entry_points.txt").write_text(offered)
     monkeypatch.syspath_prepend(tmp_path)
-    registry._entry_points.cache_clear()
+    forget_packages()
     try:
         code, out, _ = call("methods", "list")
     finally:
-        registry._entry_points.cache_clear()
-        registry._find_plugin_class.cache_clear()
         sys.modules.pop("somebody", None)
     assert code == 0
     assert row(out, "marked")[1:4] == ["1", "-", "_n _tfi"]

@@ -1,5 +1,9 @@
 """Plain functions and classes as plug-ins: their parameters are options; missing statements are found or assumed."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from planted_sweeps import write_sweep
@@ -9,8 +13,7 @@ import saf_gen
 from saf_gen.benchmark.conformance import check_by_name
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.core.config import registry
-from saf_gen.plugins.measures import get_measure, measure_names
+from saf_gen.plugins.measures import get_measure
 
 PLAIN = '''
 import numpy as np
@@ -129,38 +132,59 @@ def test_plain_code_without_a_source_is_warned_of_and_passes(plain):
     assert (described.level, described.text) == ("ok", "plain code with a docstring; source: nobody")
 
 
-@pytest.fixture
-def undecorated(monkeypatch):
-    """Remove measures that the test adds after the test."""
-    monkeypatch.setitem(registry._registered_here, "measures", {})
+DECORATED = '''
+import sys
+from pathlib import Path
+
+import numpy as np
+from planted_sweeps import write_sweep
+
+import saf_gen
+from saf_gen.benchmark.evaluate import evaluate
+from saf_gen.plugins.measures import get_measure, measure_names
+
+COUNTS = np.random.default_rng(4).integers(1, 50, (20, 30)).astype(np.uint32)
 
 
-def test_a_decorated_function_has_a_registered_name_and_remains_a_function(undecorated, tmp_path):
-    @saf_gen.measure
-    def brightest(counts, power=1):
-        """Largest count."""
-        return float(counts.max()) ** power
-
-    @saf_gen.measure(degree=0, source="nobody", halves=True)
-    def agreement(counts):
-        return float((counts[0] == counts[1]).mean())
-
-    assert brightest(COUNTS) == COUNTS.max()
-    assert get_measure("brightest", power=2)(COUNTS) == float(COUNTS.max()) ** 2
-    assert {"brightest", "brightest_n", "agreement"} <= set(measure_names())
-    assert (get_measure("agreement").halves, get_measure("agreement").source) == (True, "nobody")
-    write_sweep(tmp_path / "a.h5", 300.0)
-    found = evaluate(tmp_path / "a.h5", methods=["brightest+argmax", "agreement+argmax"]).records
-    assert [r.status for r in found] == ["answered"] * 2
-
-    @saf_gen.measure
-    def brightest(counts):  # as if a notebook cell were run again
-        return 7.0
-
-    assert get_measure("brightest")(COUNTS) == 7.0
+@saf_gen.measure
+def brightest(counts, power=1):
+    """Largest count."""
+    return float(counts.max()) ** power
 
 
-def test_functions_and_statements_that_cannot_be_registered_are_refused(undecorated):
+@saf_gen.measure(degree=0, source="nobody", halves=True)
+def agreement(counts):
+    return float((counts[0] == counts[1]).mean())
+
+
+assert brightest(COUNTS) == COUNTS.max()
+assert get_measure("brightest", power=2)(COUNTS) == float(COUNTS.max()) ** 2
+assert {"brightest", "brightest_n", "agreement"} <= set(measure_names())
+assert (get_measure("agreement").halves, get_measure("agreement").source) == (True, "nobody")
+write_sweep(Path("a.h5"), 300.0)
+records = evaluate("a.h5", methods=["brightest+argmax", "agreement+argmax"]).records
+assert [r.status for r in records] == ["answered"] * 2
+
+
+@saf_gen.measure
+def brightest(counts):  # as if a notebook cell were run again
+    return 7.0
+
+
+assert get_measure("brightest")(COUNTS) == 7.0
+'''
+
+
+def test_a_decorated_function_has_a_registered_name_and_remains_a_function(tmp_path):
+    """In a script of its own, because the names stay registered until the process ends."""
+    (tmp_path / "decorated.py").write_text(DECORATED)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "decorated.py"]
+    run = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_functions_and_statements_that_cannot_be_registered_are_refused():
     def sd(counts):
         return 0.0
 

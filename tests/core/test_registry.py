@@ -1,13 +1,13 @@
 """Plug-ins are found by name."""
 
+import os
+import subprocess
 import sys
-from importlib.metadata import EntryPoint
 
 import pytest
 from refusals import assert_says, refusal
 
 from saf_gen.core.config import registry
-from saf_gen.errors import BadInput
 
 
 def test_the_names_of_a_kind_are_those_of_its_files_without_helpers():
@@ -58,26 +58,35 @@ def test_a_value_that_a_users_plug_in_refuses_is_one_line(tmp_path):
     assert registry.build_plugin("searches", name).count == 1
 
 
-@pytest.mark.parametrize(
-    ("module", "message"),
-    [
-        ("raise RuntimeError('no driver\\nfound')", "RuntimeError: no driver found"),
-        ("Part = ", "SyntaxError: invalid syntax"),
-        ("other = 1", "AttributeError: module 'theirs_of_a_test' has no attribute 'Part'"),
-    ],
-)
-def test_a_package_that_breaks_as_it_is_loaded_hides_no_other(tmp_path, monkeypatch, call, module, message):
-    (tmp_path / "theirs_of_a_test.py").write_text(module)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("COLUMNS", "400")
-    offered = {"theirs": EntryPoint("theirs", "theirs_of_a_test:Part", "saf_gen.searches")}
-    monkeypatch.setattr(registry, "_entry_points", lambda kind: offered if kind == "searches" else {})
-    try:
-        with pytest.raises(BadInput, match=rf"search 'theirs' of the entry point .* cannot be loaded: {message}"):
-            registry.plugin_class("searches", "theirs")
-        code, listed, _ = call("methods", "list")
-    finally:
-        sys.modules.pop("theirs_of_a_test", None)
-    assert code == 0
-    assert "cannot be loaded" in listed
-    assert "sgfs_causal" in listed
+BREAKS = {
+    "raises": ("raise RuntimeError('no driver\\nfound')", "RuntimeError: no driver found"),
+    "unfinished": ("Part = ", "SyntaxError: invalid syntax"),
+    "empty": ("other = 1", "AttributeError: module 'empty_of_a_test' has no attribute 'Part'"),
+}
+
+
+def test_a_package_that_breaks_as_it_is_loaded_hides_no_other(tmp_path):
+    """The package is installed as pip would install it, and offers three searches."""
+    info = tmp_path / "theirs_of_a_test-0.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Name: theirs-of-a-test\nVersion: 0.1\n")
+    offered = "".join(f"{name} = {name}_of_a_test:Part\n" for name in BREAKS)
+    (info / "entry_points.txt").write_text(f"[saf_gen.searches]\n{offered}")
+    for name, (text, _) in BREAKS.items():
+        (tmp_path / f"{name}_of_a_test.py").write_text(text)
+
+    def call(*words):
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]), "COLUMNS": "400"}
+        command = [sys.executable, "-m", "saf_gen", *words]
+        return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+
+    listed = call("methods", "list")
+    assert (listed.returncode, listed.stderr) == (0, "")
+    assert "sgfs_causal" in listed.stdout
+    lines = listed.stdout.splitlines()
+    for name, (_, message) in BREAKS.items():
+        (line,) = (line for line in lines if line.split()[:1] == [name])
+        assert f"search '{name}' of the entry point '{name}_of_a_test:Part' cannot be loaded: {message}" in line
+    shown = call("methods", "show", "sd+raises")
+    assert (shown.returncode, shown.stderr.count("\n")) == (2, 1)
+    assert f"cannot be loaded: {BREAKS['raises'][1]}" in shown.stderr

@@ -8,13 +8,12 @@ import pytest
 from small_dataset import SCENES
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.tracks import sequence_fields
 from saf_gen.benchmark.tracks.sequence_fields import benchmark_of
-from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark
-from saf_gen.generate import resolve
+from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
 from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.leaderboard import notes, rank_methods
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.notes import notes_on
 from saf_gen.scene.trusted_folders import register_folder
 from saf_gen.stream.stream_file import open_stream
 
@@ -50,8 +49,7 @@ def frozen_small(small_recipe, test_scenes, monkeypatch):
     small_recipe.write_text(small_recipe.read_text().replace("max_depth: 3", "max_depth: 3, diffraction: false"))
     digest = recipe_digest(resolve_recipe(small_recipe))
     benchmark = FrozenBenchmark(digest=digest, since=date(2026, 11, 23), sequences={"test": 3})
-    for module in (resolve, sequence_fields, notes):
-        monkeypatch.setattr(module, "read_frozen_digests", lambda: {"small": benchmark})
+    monkeypatch.setitem(read_frozen_digests(), "small", benchmark)
     return digest
 
 
@@ -81,7 +79,7 @@ def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(
         assert stream.metadata.provenance["benchmark"] == f"small {frozen_small}"
     records = evaluate(tmp_path / "data", methods=["sd+argmax"]).records
     assert {record.benchmark for record in records} == {label}
-    assert f"The benchmark is {label}: 2 of 3 sequences of test." in notes.notes_on(rank_methods(records), records)
+    assert f"The benchmark is {label}: 2 of 3 sequences of test." in notes_on(rank_methods(records), records)
 
 
 @pytest.mark.parametrize("claim", ["", "small", "small 0123456789ab", "unheard_of 00", "saf_bench-v3 " + "0" * 64])

@@ -83,24 +83,24 @@ def test_a_recipe_becomes_streams_with_truth(made):
     assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
 
 
-def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, work, monkeypatch, draw_contact_sheets):
-    monkeypatch.setattr(run, "_write_previews", draw_contact_sheets)
+def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, small_recipe):
     (sheet,) = (made.folder / "preview").iterdir()
     sheet.unlink()
-    generate(work, made.folder)
+    command = [sys.executable, "-m", "saf_gen", "generate", str(small_recipe), "--out", str(made.folder)]
+    subprocess.run(command, check=True, capture_output=True)
     drawn = sheet.read_bytes()
     assert drawn.startswith(b"\x89PNG")
     assert len(drawn) > 20_000
-    monkeypatch.setattr("saf_gen.authoring.contact_sheet.write_preview", lambda *args, **how: pytest.fail("again"))
-    generate(work, made.folder)
-    assert sheet.read_bytes() == drawn
+    sheet.write_bytes(b"already drawn")
+    subprocess.run(command, check=True, capture_output=True)
+    assert sheet.read_bytes() == b"already drawn"
 
 
 def test_a_job_is_reported_as_done_once_its_files_have_their_names(first):
     assert first.failed == {}
     expected = {f"record {name}": {f"{name}.h5"} for name in first.recorded}
     expected |= {"render plane · geometry": {"geometry.exr", "geometry.json"}, "render plane · light": {"lamp.json"}}
-    assert FILES_WHEN_DONE.keys() == {*expected, "render plane · build", "render plane · grain"}
+    assert FILES_WHEN_DONE.keys() >= expected.keys()
     assert {name: FILES_WHEN_DONE[name] & files for name, files in expected.items()} == expected
     assert not any(name.endswith(".part") for files in FILES_WHEN_DONE.values() for name in files)
 
@@ -225,11 +225,12 @@ def test_a_stopped_run_lists_the_complete_sequences(work, made, monkeypatch):
         yield from islice(run_all(jobs, **how), 2)
         raise SchedulerLost("the Dask scheduler at tcp://there:1 is gone")
 
-    monkeypatch.setattr(run, "run_jobs", run_two)
-    with pytest.raises(SafGenError, match="2 of 3 sequences complete and listed; start a scheduler and run the same"):
-        generate(work, made.folder, variant=VARIANT)
+    lost = "2 of 3 sequences complete and listed; start a scheduler and run the same"
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "run_jobs", run_two)
+        with pytest.raises(SafGenError, match=lost):
+            generate(work, made.folder, variant=VARIANT)
     assert [entry.file for entry in read_manifest(made.folder).sequences] == [first, second]
-    monkeypatch.setattr(run, "run_jobs", run_all)
     assert digests(generate(work, made.folder, variant=VARIANT).folder) == complete
 
 

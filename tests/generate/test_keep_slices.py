@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import capture_dataset
 import pytest
@@ -17,7 +18,6 @@ import saf_gen
 from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.stack import focal_stack
 from saf_gen.stack.capture import Capture
 from saf_gen.stream.dataset import verify_dataset
 from saf_gen.stream.manifest import read_manifest
@@ -255,13 +255,10 @@ def test_more_repeats_need_the_slices_again(work, made, copy, tmp_path):
     assert verify_dataset(copy) == (8, {})
 
 
-def test_a_recording_that_cannot_be_made_leaves_the_slices(work, copy, monkeypatch):
+def test_a_recording_that_cannot_be_made_leaves_the_slices(work, copy):
+    """A folder has the name of its file."""
     (copy / "test" / f"{MOVING[1]}.h5").unlink()
-
-    def failing(self, sequence, *args, **kwargs):
-        raise OSError(28, "no space")
-
-    monkeypatch.setattr("saf_gen.generate.record.Recorder.record", failing)
+    (copy / "test" / f"{MOVING[1]}.h5").mkdir()
     again = generate(work, copy, variant=VARIANT, keep_slices="none")
     assert list(again.failed) == [f"record {MOVING[1]}"]
     recorded_from, for_closed_loop = slices(work)
@@ -270,16 +267,16 @@ def test_a_recording_that_cannot_be_made_leaves_the_slices(work, copy, monkeypat
 
 
 def test_a_run_that_ends_amid_deleting_goes_on_there(work, made, copy, monkeypatch):
-    delete, calls = focal_stack._delete, []
+    delete, deleted = Path.unlink, []
 
-    def interrupted(path):
-        calls.append(path)
-        if len(calls) > 10:
+    def interrupted(path, **how):
+        deleted.extend([path] if path.suffix == ".exr" else [])
+        if len(deleted) > 10:
             raise KeyboardInterrupt
-        return delete(path)
+        delete(path, **how)
 
     with monkeypatch.context() as patch:
-        patch.setattr(focal_stack, "_delete", interrupted)
+        patch.setattr(Path, "unlink", interrupted)
         with pytest.raises(KeyboardInterrupt):
             generate(work, copy, variant=VARIANT, keep_slices="closed-loop")
     recorded_from = slices(work)[0]
@@ -296,7 +293,6 @@ from inline_jobs import run_jobs_inline
 from saf_gen.generate import run
 from saf_gen.generate.resolve import resolve_recipe
 run.run_jobs = run_jobs_inline
-run._write_previews = lambda *_: None
 recipe, folder, variant = sys.argv[1:]
 run.generate(resolve_recipe(recipe), folder, variant=variant, keep_slices="closed-loop")
 """

@@ -15,11 +15,10 @@ import pytest
 from capture_dataset import VARIANT
 from refusals import assert_says, refusal
 
-from saf_gen.generate import resolve
 from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.generate.shards import _find_families, share_out
+from saf_gen.generate.shards import share_out
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stream.dataset import verify_dataset
@@ -41,10 +40,7 @@ many cuts load scenes again whose loading costs as much as dozens of slices."""
 
 @pytest.fixture(scope="module")
 def shipped():
-    """The recipes that come with saf_gen, those of other versions included."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(resolve, "_benchmark", lambda resolved: "")
-        return {name: resolve_recipe(f"recipes/{name}.yaml") for name in RECIPES}
+    return {name: resolve_recipe(f"recipes/{name}.yaml") for name in RECIPES}
 
 
 @pytest.mark.slow
@@ -69,8 +65,12 @@ def test_every_piece_of_a_shipped_recipe_is_in_one_shard_and_none_is_much_too_la
 
 
 def dearest_piece(work):
-    """Seconds of the dearest still stack with its recordings; 0 if there is none."""
-    return max((family.seconds for family in _find_families(work.sequences)[0] if len(family.specs) == 1), default=0.0)
+    """Seconds of the dearest still stack with its recordings, alone in its shard; 0 if there is none."""
+    stills = {s.time_stack: [] for s in work.sequences if not s.time_stack.is_moving}
+    for sequence in work.sequences:
+        if sequence.time_stack in stills:
+            stills[sequence.time_stack].append(sequence)
+    return max((share_out(replace(work, sequences=tuple(s)), 1)[0].seconds for s in stills.values()), default=0.0)
 
 
 @pytest.mark.slow
@@ -274,16 +274,16 @@ def test_a_shard_killed_in_any_phase_goes_on_where_it_was(recipe, made, moving, 
         for note in rest.glob("stacks/*/stack.grain.json") if file == "stack.grain.json" else ():
             note.unlink()
     n = cut if not late else next(n for n in range(1, 9) if grain_of(made, moving) & share_of(moving, n, 8).specs)
-    named = []
+    named, rename = [], Path.replace
 
     def die(old, new):
         named.extend([new] if new.name.endswith(file) else [])
         if len(named) == (1 if late else 2):
             raise Killed
-        old.replace(new)
+        return rename(old, new)
 
     with monkeypatch.context() as patch:
-        patch.setattr("saf_gen.core.files.rename_durably", die)
+        patch.setattr(Path, "replace", die)
         with pytest.raises(Killed):
             run_shard(recipe, rest, n)
     there = count_pieces(rest, mine)

@@ -241,10 +241,9 @@ class Raises(DecayFactor):
 
 
 @pytest.fixture
-def added(monkeypatch):
-    monkeypatch.setattr(registry, "_registered_here", {kind: {} for kind in registry.PLUGIN_KINDS})
+def added(register):
     for plugin in (Decay, DecayFactor, Falling, OneNumber, BreaksAtNan, Raises):
-        registry.add_plugin("lights", plugin, name=plugin.__name__)
+        register("lights", plugin.__name__, plugin)
 
 
 @pytest.mark.usefixtures("added")

@@ -7,7 +7,6 @@ test_half_window_measures.py.
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -112,15 +111,10 @@ class Power:
         return float(counts.mean()) ** self.power
 
 
-def test_a_measure_whose_degree_is_an_option_is_listed_by_its_default(monkeypatch):
-    theirs = {"power": SimpleNamespace(value="theirs:Power", load=lambda: Power)}
-    monkeypatch.setattr(registry, "_entry_points", lambda group: theirs if group == "measures" else {})
-    registry._find_plugin_class.cache_clear()
-    try:
-        assert {"power", "power_n"} <= set(measure_names())
-        assert get_measure("power_n", power=3)(counts_of((20, 30))) == pytest.approx(1.0, rel=1e-12)
-    finally:
-        registry._find_plugin_class.cache_clear()
+def test_a_measure_whose_degree_is_an_option_is_listed_by_its_default(register):
+    register("measures", "power", Power)
+    assert {"power", "power_n"} <= set(measure_names())
+    assert get_measure("power_n", power=3)(counts_of((20, 30))) == pytest.approx(1.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", [n for n in measure_names() if n.endswith("_n")])

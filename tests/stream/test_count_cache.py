@@ -1,43 +1,43 @@
 """Counts of many windows in one pass over a stream: those of one window at a time."""
 
+import h5py
 import numpy as np
 import pytest
 from refusals import assert_says, refusal
 
 from saf_gen import open_stream, write_stream
 from saf_gen.core.bits import sum_trains
-from saf_gen.stream import time_blocks
 from saf_gen.stream.count_cache import KeptCounts
 
-FRAMES = (np.random.default_rng(0).random((1_003, 7, 9)) < 0.4).astype(np.uint8)
-REGION = slice(2, 6), slice(3, 8)
+FRAMES = np.random.default_rng(0).integers(0, 2, (6_503, 7, 600), np.uint8)
+REGION = slice(2, 7), slice(3, 8)
 
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory):
-    """A stream with blocks of 64 frames, and chunks of three of its seven rows."""
+    """A stream with blocks of 2,000 frames, and chunks of six of its seven rows."""
     path = tmp_path_factory.mktemp("counts") / "a.h5"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
-        patch.setattr(time_blocks, "_CHUNK_BYTES", 3 * 9 * 8)
-        write_stream(path, FRAMES)
-        with open_stream(path) as stream:
-            yield stream
+    write_stream(path, FRAMES)
+    with h5py.File(path) as file:
+        assert file["spikes"].chunks == (6, 600, 250)
+    with open_stream(path) as stream:
+        yield stream
 
 
 @pytest.mark.parametrize(
     ("first", "window", "stride", "region"),
     [
-        *((0, 64, 64, None), (3, 100, 7, REGION), (0, 1, 1, REGION)),
-        *((13, 300, 250, None), (40, 9, 200, REGION), (0, 1_003, 1, None)),
+        *((0, 2_000, 2_000, None), (3, 3_000, 7, REGION), (0, 1, 1, REGION)),
+        *((13, 300, 1_250, None), (40, 9, 6_000, REGION), (0, 6_503, 1, None)),
     ],
 )
 def test_windows_in_one_pass_are_those_read_alone(stream, region, first, window, stride):
     """Inside a block, over several, overlapping, with blocks that none needs, at both ends."""
-    firsts = range(first, 1_003 - window + 1, stride)
+    firsts = range(first, 6_503 - window + 1, stride)
     found = np.concatenate(list(stream.counts_of_windows(firsts, window, region=region)))
     rows, columns = region or (slice(None), slice(None))
-    assert np.array_equal(found, [FRAMES[t : t + window, rows, columns].sum(axis=0) for t in firsts])
+    total = np.concatenate([[0 * FRAMES[0, rows, columns]], FRAMES[:, rows, columns].cumsum(axis=0, dtype=np.uint16)])
+    assert np.array_equal(found, [total[t + window] - total[t] for t in firsts])
     assert found.dtype == (np.uint8 if window < 256 else np.uint16)
 
 
@@ -61,7 +61,7 @@ def test_trains_of_any_length_are_counted(size):
 
 
 @pytest.mark.parametrize(
-    ("firsts", "window"), [([0, 904], 100), ([-1, 5], 10), ([5, 4], 10), ([], 10), ([0.5], 10), ([0], 0)]
+    ("firsts", "window"), [([0, 6_404], 100), ([-1, 5], 10), ([5, 4], 10), ([], 10), ([0.5], 10), ([0], 0)]
 )
 def test_windows_that_are_not_there_are_refused(stream, firsts, window):
     assert "whole numbers" in refusal(lambda: stream.counts_of_windows(firsts, window)).allowed

@@ -208,10 +208,11 @@ def test_arrays_of_a_matlab_file_are_what_scipy_reads(tmp_path, packed):
         assert_says(refusal(open_array, tmp_path / "a.mat", key=name), f"unknown array '{name}'")
 
 
-def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
-    def element(kind, raw):
-        return struct.pack(">II", kind, len(raw)) + raw + b"\0" * (-len(raw) % 8)
+def element(kind, raw):
+    return struct.pack(">II", kind, len(raw)) + raw + b"\0" * (-len(raw) % 8)
 
+
+def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
     values = SPIKES.astype(">i2")
     head = element(6, struct.pack(">II", 10, 0)) + element(5, struct.pack(">iii", 5, 6, 41)) + element(1, b"spk")
     matrix = element(14, head + element(3, values.transpose(1, 2, 0).tobytes(order="F")))
@@ -229,10 +230,12 @@ def test_a_damaged_matlab_file_is_refused_even_where_it_crashes_scipy(tmp_path):
         assert_says(refusal(open_array, tmp_path / "b.mat"), "b.mat")
 
 
-def test_a_large_array_of_an_old_matlab_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("saf_gen.stream.interop.array_files.MAX_OLD_MATLAB_BYTES", 1000)
-    io.savemat(tmp_path / "a.mat", {"spk": TIME_LAST}, do_compression=True)
-    assert_says(refusal(open_array, tmp_path / "a.mat"), "spk has 1,230 bytes | at most 1,000 | -v7.3")
+def test_a_large_array_of_an_old_matlab_file_is_refused_before_it_is_read(tmp_path):
+    """Its head states a size of 430 MB, of which the file holds nothing."""
+    head = element(6, struct.pack(">II", 9, 0)) + element(5, struct.pack(">iii", 250, 400, 4_300))
+    matrix = element(14, head + element(1, b"spk") + element(2, bytes(8)))
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 5.0".ljust(124) + b"\1\0MI" + matrix)
+    assert_says(refusal(open_array, tmp_path / "a.mat"), "spk has 430,000,000 bytes | at most 419,430,400 | -v7.3")
 
 
 # --- SAF's folders ------------------------------------------------------------------------------------
@@ -318,18 +321,18 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_sheet_that_is_invalid_or_too_large_is_refused(tmp_path, monkeypatch):
+def test_a_sheet_that_is_invalid_or_too_large_is_refused(tmp_path):
     def says(words):
         assert_says(
             refusal(read_saf_config, tmp_path), f"config.xlsx: cannot be read | {words} | a spreadsheet (.xlsx)"
         )
 
     config = tmp_path / "config.xlsx"
-    write_xlsx(config, [HEADING] * 20)
-    monkeypatch.setattr("saf_gen.stream.interop.saf_folder.MAX_SHEET_ROWS", 10)
-    says("more than 10 rows")
-    monkeypatch.setattr("saf_gen.stream.interop.saf_folder.MAX_SHEET_BYTES", 100)
-    says("allowed: 100")
+    write_xlsx(config, [HEADING] * 10_001)
+    says("more than 10,000 rows")
+    with zipfile.ZipFile(config, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/workbook.xml", bytes(9 << 20))
+    says("unpacks to 9,437,184 bytes; allowed: 8,388,608")
     with zipfile.ZipFile(config, "w", zipfile.ZIP_BZIP2) as archive:
         archive.writestr("xl/workbook.xml", "x")
     says("packed by method 12")

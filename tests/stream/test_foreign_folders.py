@@ -104,7 +104,7 @@ def test_an_error_of_the_disk_is_not_called_damage(tmp_path, monkeypatch, number
     def fail(*_, **__):
         raise OSError(number, "no")
 
-    monkeypatch.setattr(stream_file.h5py, "File", fail)
+    monkeypatch.setattr("h5py.File", fail)
     error = refusal(open_stream, tmp_path / "a.h5")
     assert error.problem == f"cannot be read: {os.strerror(number)}"
     assert error.hint == ""

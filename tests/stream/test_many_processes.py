@@ -2,14 +2,18 @@
 
 import gc
 import multiprocessing
+import tracemalloc
+import weakref
 
+import h5py
 import numpy as np
 import pytest
+from refusals import refusal
 
 from saf_gen.stream import time_blocks
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
-from saf_gen.stream.time_blocks import BLOCK_MEMORY, BlockMemory
+from saf_gen.stream.time_blocks import BlockMemory
 
 FRAMES = (np.random.default_rng(0).random((5_000, 6, 9)) < 0.3).astype(np.uint8)
 
@@ -47,49 +51,69 @@ def test_a_stream_that_the_parent_opened_and_read_is_read_in_another_process(pat
         assert np.array_equal(stream.counts(100, 4_900), counts)
 
 
-def kept_bytes():
-    return sum(planes.nbytes for planes, _ in BLOCK_MEMORY._blocks.values())
+def damage(path):
+    """Overwrite all spikes on the disk, so that only what is in memory can still be read."""
+    with h5py.File(path) as file:
+        chunks = file["spikes"].id
+        places = [chunks.get_chunk_info(k) for k in range(chunks.get_num_chunks())]
+    with path.open("r+b") as file:
+        for place in places:
+            file.seek(place.byte_offset)
+            file.write(bytes(place.size))
 
 
 def test_all_streams_share_one_budget_and_what_is_closed_or_lost_is_free(tmp_path, monkeypatch):
-    monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
-    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 10 * 8 * 6 * 9)
-    BLOCK_MEMORY.reset()
-    for i in range(6):
-        write_stream(tmp_path / f"{i}.h5", FRAMES[i : i + 640])
-    streams = [open_stream(tmp_path / f"{i}.h5") for i in range(6)]
-    for _ in range(2):
-        for i, stream in enumerate(streams):
-            assert np.array_equal(stream.counts(0, 640), FRAMES[i : i + 640].sum(axis=0))
-            assert kept_bytes() <= time_blocks.BUDGET_BYTES
-    assert kept_bytes() == time_blocks.BUDGET_BYTES
-    streams.pop().close()
-    assert kept_bytes() == 0  # ten blocks fit, all of them from the stream that was read last
-    streams[0].counts(0, 640)
-    assert kept_bytes() > 0
-    del stream, streams
-    gc.collect()
-    assert kept_bytes() == 0
+    """Blocks of 250 × 40 × 50 bytes, of which ten fit; each stream has four."""
+    block = 250 * 40 * 50
+    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 10 * block)
+    frames = np.random.default_rng(0).integers(0, 2, (8_000, 40, 50), np.uint8)
+    names = [tmp_path / f"{i}.h5" for i in range(4)]
+    for i, path in enumerate(names):
+        write_stream(path, np.roll(frames, i, axis=1))
+    tracemalloc.start()
+    try:
+        streams = [open_stream(path) for path in names]
+        counts = [stream.counts(0, 8_000) for stream in streams]
+        assert all(np.array_equal(found, np.roll(frames.sum(axis=0), i, axis=0)) for i, found in enumerate(counts))
+        kept = tracemalloc.get_traced_memory()[0]
+        assert 9.5 * block < kept < 11 * block
+        streams.pop().close()
+        assert tracemalloc.get_traced_memory()[0] < kept - 3.5 * block
+        damage(names[2])
+        assert np.array_equal(streams[2].counts(0, 8_000), counts[2])
+        del streams[1:]
+        gc.collect()
+        assert tracemalloc.get_traced_memory()[0] < 0.5 * block
+        damage(names[0])
+        assert "damaged" in refusal(streams[0].counts, 0, 8_000).problem
+    finally:
+        tracemalloc.stop()
 
 
-def test_a_reader_keeps_three_blocks_whatever_the_budget(monkeypatch):
+def test_a_reader_keeps_three_blocks_whatever_the_budget(tmp_path, monkeypatch):
     monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
-    memory = BlockMemory()
-    for start in range(5):
-        planes, _ = memory.find(1, start, shape=(2, 3, 4))
-        planes[:] = start
-    assert [key for key in memory._blocks] == [(1, 2), (1, 3), (1, 4)]
-    memory.find(2, 0, shape=(2, 3, 4))
-    assert list(memory._blocks) == [(2, 0)]
+    frames = np.random.default_rng(0).integers(0, 2, (10_000, 6, 9), np.uint8)
+    write_stream(tmp_path / "a.h5", frames)
+    write_stream(tmp_path / "b.h5", frames[:2_000])
+    with open_stream(tmp_path / "a.h5") as stream, open_stream(tmp_path / "b.h5") as other:
+        stream.counts(0, 10_000)
+        damage(tmp_path / "a.h5")
+        assert np.array_equal(stream.counts(4_000, 10_000), frames[4_000:].sum(axis=0))
+        assert "damaged" in refusal(stream.counts, 0, 4_000).problem
+        other.counts(0, 2_000)
+        assert "damaged" in refusal(stream.counts, 8_000, 10_000).problem
 
 
-def test_a_stream_that_is_lost_while_blocks_are_looked_for_is_forgotten_later(monkeypatch):
+def test_a_stream_that_is_lost_while_blocks_are_looked_for_is_forgotten_later():
     """Garbage may be collected in a thread that holds the lock; waiting for the lock would never end."""
     memory = BlockMemory()
-    memory.find(1, 0, shape=(2, 3, 4))
-    allocate = memory._allocate
-    monkeypatch.setattr(memory, "_allocate", lambda *args: memory.forget(1) or allocate(*args))
+    lost = weakref.ref(memory.find(1, 0, shape=(2, 3, 4))[0])
+
+    class Shape(tuple):
+        def __iter__(self):
+            memory.forget(1)  # while the size of a new block is computed
+            return super().__iter__()
+
+    memory.find(2, 0, shape=Shape((2, 3, 4)))
     memory.find(2, 0, shape=(2, 3, 4))
-    assert list(memory._blocks) == [(1, 0), (2, 0)]
-    memory.find(2, 0, shape=(2, 3, 4))
-    assert list(memory._blocks) == [(2, 0)]
+    assert lost() is None

@@ -93,19 +93,27 @@ def test_half_the_light_is_as_dark_in_every_picture(stream):
         assert dark / bright == pytest.approx(0.5 ** (1 / 2.2), abs=0.02)
 
 
-def test_a_long_recording_is_read_window_by_window(stream, monkeypatch):
+class Watched:
+    """A stream that notes which counts are asked for."""
+
+    def __init__(self, stream):
+        self.stream, self.read = stream, []
+
+    def __getattr__(self, name):
+        return getattr(self.stream, name)
+
+    def counts(self, first, stop, **how):
+        self.read.append((first, stop))
+        return self.stream.counts(first, stop, **how)
+
+
+def test_a_long_recording_is_read_window_by_window(stream):
     """A view of 1,200 frames reads one window at a time, and only the windows that it draws and scores."""
-    read, counts = [], type(stream).counts
-
-    def watched(self, first, stop, **how):
-        read.append((first, stop))
-        return counts(self, first, stop, **how)
-
-    monkeypatch.setattr(type(stream), "counts", watched)
-    assert len(list(choose_windows(stream, window=20, count=30))) == 30
-    read_timeline(stream, first=0, stop=FRAMES, window=20, measures=["sd"])
-    assert {stop - first for first, stop in read} == {20}
-    assert len(read) == 12 + 30 + 2 * 60
+    watched = Watched(stream)
+    assert len(list(choose_windows(watched, window=20, count=30))) == 30
+    read_timeline(watched, first=0, stop=FRAMES, window=20, measures=["sd"])
+    assert {stop - first for first, stop in watched.read} == {20}
+    assert len(watched.read) == 12 + 30 + 2 * 60
 
 
 def test_scores_next_to_pictures_are_those_of_the_methods(stream):

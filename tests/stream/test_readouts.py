@@ -9,7 +9,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.stream.cutting import cut_stream
-from saf_gen.stream.interop import Readouts, import_lens_log, source
+from saf_gen.stream.interop import Readouts, import_lens_log
 from saf_gen.stream.interop.readouts import read_times
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
@@ -130,12 +130,11 @@ def test_without_a_table_all_frames_are_kept(call, tmp_path):
         np.testing.assert_array_equal(stream.frames(0, stream.shape[0]), SPIKES[COPIES_AND_GAPS])
 
 
-@pytest.mark.parametrize("wrong", [70, 400])
-def test_frames_that_differ_are_not_one_readout(call, tmp_path, monkeypatch, wrong):
-    """In the first block of frames, and at the beginning of another one."""
-    monkeypatch.setattr(source, "BLOCK", 400)
-    np.save(tmp_path / "a.npy", SPIKES)
-    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(str(k - (k >= wrong)) for k in range(FRAMES)))
+@pytest.mark.parametrize("wrong", [70, 2_000])
+def test_frames_that_differ_are_not_one_readout(call, tmp_path, wrong):
+    """In the first block of 2,000 frames, and at the beginning of another one."""
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).integers(0, 2, (2_100, 6, 8), np.uint8))
+    (tmp_path / "t.csv").write_text("readout\n" + "\n".join(str(k - (k >= wrong)) for k in range(2_100)))
     options = ("--axes", "TYX", "--times", tmp_path / "t.csv")
     code, _, err = call("import", tmp_path / "a.npy", "--out", tmp_path / "a.h5", *options)
     assert code == 2

@@ -14,7 +14,7 @@ import saf_gen
 from saf_gen.errors import BadInput
 from saf_gen.stream.dataset import index_folder, verify_dataset
 from saf_gen.stream.manifest import TABLE_NAME, Manifest, PublishedFile, read_manifest, write_manifest
-from saf_gen.stream.sharing import fetch_dataset, server
+from saf_gen.stream.sharing import fetch_dataset
 from saf_gen.stream.sharing.fetching import check_fetchable, is_plain_path
 
 STREAMS = ("train/a-constant-00", "train/a-constant-01", "train/b-constant-00", "test/c-constant-00")
@@ -50,7 +50,7 @@ def streams_of(folder):
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch):
-    monkeypatch.setattr(server, "WAIT_S", 0.0)
+    monkeypatch.setattr("time.sleep", lambda seconds: None)
 
 
 def fetch(folder, out, **options):
@@ -76,7 +76,7 @@ def test_a_file_that_breaks_off_is_fetched_again(dataset, tmp_path):
         folder, _ = fetch_dataset(f"{address}/manifest.json", tmp_path / "again", tell=lines.append)
     assert streams_of(folder) == streams_of(dataset)
     assert server.requests.count("test/c-constant-00.h5") == 3
-    assert all("trying again in 0 s" in line for line in lines)
+    assert all("trying again in " in line for line in lines)
 
 
 def test_what_was_fetched_before_a_stop_is_not_fetched_again(dataset, tmp_path):

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shutil
 import signal
 import struct
 import subprocess
@@ -44,13 +45,6 @@ def full_metadata(count, rows=6, columns=9):
     }
 
 
-def small_time_blocks(monkeypatch):
-    """Split little data into many chunks of 2 rows and 8 bytes (64 frames)."""
-    monkeypatch.setattr(time_blocks, "TIME_BLOCK_BYTES", 8)
-    monkeypatch.setattr(time_blocks, "_CHUNK_BYTES", 2 * 9 * 8)
-    monkeypatch.setattr(time_blocks, "BUDGET_BYTES", 0)
-
-
 @pytest.mark.parametrize("count", [1, 64, 2_001])
 def test_frames_counts_and_bytes_come_back(tmp_path, count):
     frames = random_frames(count)
@@ -68,54 +62,62 @@ def test_frames_counts_and_bytes_come_back(tmp_path, count):
         stream.verify()
 
 
-def test_any_window_and_region_equals_slicing(tmp_path, monkeypatch):
-    small_time_blocks(monkeypatch)
-    frames = random_frames(333)
+@pytest.fixture(scope="module")
+def chunked(tmp_path_factory):
+    """A stream of 4,333 frames in nine chunks of 2 rows and 2,000 frames, and its frames; a test changes a copy."""
+    frames = np.random.default_rng(1).integers(0, 2, (4_333, 6, 1_800), np.uint8)
+    path = tmp_path_factory.mktemp("chunked") / "a.h5"
+    write_stream(path, frames)
+    with h5py.File(path) as file:
+        assert file["spikes"].chunks == (2, 1_800, 250)
+    return path, frames
+
+
+def test_any_window_and_region_equals_slicing(chunked):
+    path, frames = chunked
     packed = pack_bits(frames)
-    write_stream(tmp_path / "a.h5", frames)
     draw = np.random.default_rng(3)
-    with open_stream(tmp_path / "a.h5") as stream:
-        with h5py.File(tmp_path / "a.h5") as file:
-            assert file["spikes"].chunks == (2, 9, 8)
+    with open_stream(path) as stream:
         for _ in range(60):
-            a, b = sorted(draw.choice(334, 2, replace=False))
-            p, q = sorted(draw.choice(43, 2, replace=False))
-            (r0, r1), (c0, c1) = (sorted(draw.choice(n + 1, 2, replace=False)) for n in (6, 9))
+            a, b = sorted(draw.choice(4_334, 2, replace=False))
+            p, q = sorted(draw.choice(543, 2, replace=False))
+            (r0, r1), (c0, c1) = (sorted(draw.choice(n + 1, 2, replace=False)) for n in (6, 60))
             region = (slice(r0, r1), slice(c0, c1))
             assert np.array_equal(stream.frames(a, b, region=region), frames[a:b, r0:r1, c0:c1])
             assert np.array_equal(stream.counts(a, b, region=region), frames[a:b, r0:r1, c0:c1].sum(axis=0))
             assert np.array_equal(stream.packed(p, q, region=region), packed[r0:r1, c0:c1, p:q])
 
 
-def chunks_read(stream, monkeypatch):
-    """A list that collects the chunks that a stream reads from now on: (first row, first byte)."""
-    seen, read = [], stream._time_blocks._read
-    monkeypatch.setattr(stream._time_blocks, "_read", lambda top, start: seen.append((top, start)) or read(top, start))
-    return seen
+def damage(path, but=()):
+    """Overwrite all chunks on the disk but those that begin at these rows and bytes."""
+    with h5py.File(path) as file:
+        chunks = file["spikes"].id
+        places = [chunks.get_chunk_info(k) for k in range(chunks.get_num_chunks())]
+    with path.open("r+b") as file:
+        for place in places:
+            if (place.chunk_offset[0], place.chunk_offset[2]) not in but:
+                file.seek(place.byte_offset)
+                file.write(bytes(place.size))
 
 
-def test_a_stream_that_fits_in_memory_is_inflated_once(tmp_path, monkeypatch):
-    small_time_blocks(monkeypatch)
-    write_stream(tmp_path / "a.h5", random_frames(640))
-    for budget, reads in ((10 * 6 * 9 * 8, 30), (0, 60)):
-        monkeypatch.setattr(time_blocks, "BUDGET_BYTES", budget)
-        with open_stream(tmp_path / "a.h5") as stream:
-            seen = chunks_read(stream, monkeypatch)
-            for _ in range(2):
-                stream.counts(0, 640)
-            assert len(seen) == reads
+def test_a_stream_that_fits_in_memory_is_read_once(tmp_path, chunked):
+    path, frames = shutil.copy(chunked[0], tmp_path / "a.h5"), chunked[1]
+    with open_stream(path) as stream:
+        counts = stream.counts(0, 4_333)
+        damage(path)
+        assert np.array_equal(stream.counts(0, 4_333), counts)
+        assert np.array_equal(counts, frames.sum(axis=0))
+        assert "damaged" in refusal(stream.verify).problem
 
 
-def test_a_region_leaves_other_chunks_alone(tmp_path, monkeypatch):
-    small_time_blocks(monkeypatch)
-    write_stream(tmp_path / "a.h5", random_frames(640))
-    with open_stream(tmp_path / "a.h5") as stream:
-        seen = chunks_read(stream, monkeypatch)
-        stream.counts(130, 140)
-        assert set(seen) == {(0, 16), (2, 16), (4, 16)}
-        seen.clear()
-        stream.packed(0, 80, region=(slice(2, 3), slice(0, 9)))
-        assert {top for top, _ in seen} == {2}
+def test_a_region_leaves_other_chunks_alone(tmp_path, chunked):
+    path, frames = shutil.copy(chunked[0], tmp_path / "a.h5"), chunked[1]
+    damage(path, but=[(0, 250), (2, 0), (2, 250), (2, 500), (4, 250)])
+    with open_stream(path) as stream:
+        assert np.array_equal(stream.counts(2_130, 2_140), frames[2_130:2_140].sum(axis=0))
+        packed = stream.packed(0, 542, region=(slice(2, 3), slice(0, 9)))
+        assert np.array_equal(packed, pack_bits(frames)[2:3, :9])
+        assert "damaged" in refusal(stream.counts, 0, 10).problem
 
 
 def test_plain_h5py_reads_the_documented_datasets(tmp_path):
@@ -380,9 +382,20 @@ def test_writer_and_reader_use_the_threads_they_are_given(tmp_path):
 
 
 def test_what_the_disk_changed_is_found_before_the_rename(tmp_path, monkeypatch):
-    kept = time_blocks.deflate_chunk
-    monkeypatch.setattr(time_blocks, "checksum", lambda data: len(data) + 1 if isinstance(data, bytes) else 0)
-    monkeypatch.setattr(time_blocks, "deflate_chunk", lambda block, chunk: bytearray(kept(block, chunk)))
+    """A bit of the spikes flips when the file is closed."""
+    close = h5py.File.close
+
+    def close_and_flip(file):
+        changes = bool(file) and file.mode == "r+"
+        place = file["spikes"].id.get_chunk_info(0) if changes else None
+        close(file)
+        if changes:
+            (part,) = tmp_path.iterdir()
+            raw = bytearray(part.read_bytes())
+            raw[place.byte_offset + place.size // 2] ^= 1
+            part.write_bytes(raw)
+
+    monkeypatch.setattr(h5py.File, "close", close_and_flip)
     assert "check the disk" in refusal(write_stream, tmp_path / "a.h5", np.ones((8, 1, 1))).hint
     assert not list(tmp_path.iterdir())
 

@@ -10,7 +10,6 @@ from refusals import assert_says, refusal
 from videos import frame_of, write_video
 
 from saf_gen.camera import get_sensor
-from saf_gen.stream.interop import video_frames as module
 from saf_gen.stream.interop.encode_pictures import prepare_pictures
 from saf_gen.stream.interop.linear_light import decode_bt709, decode_srgb
 from saf_gen.stream.interop.picture_frames import open_pictures
@@ -317,12 +316,11 @@ def test_pixels_that_are_not_square_are_named(tmp_path):
     assert "a.mp4: its pixels are 4:3, and are taken as square" in pictures.notes
 
 
-def test_a_video_that_lies_at_an_angle_or_is_too_large_is_refused(tmp_path, monkeypatch):
+def test_a_video_that_lies_at_an_angle_or_is_too_large_is_refused(tmp_path):
     write_video(tmp_path / "a.mp4", GREYS, setup=lambda stream: stream.set_display_rotation(30), **H264)
     assert_says(refusal(open_pictures, tmp_path / "a.mp4"), "lies at an angle | 90")
-    write_video(tmp_path / "a.mkv", GREYS)
-    monkeypatch.setattr(module, "MAX_PIXELS", 100)
-    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "has 16 × 16 pixels | at most 100")
+    write_video(tmp_path / "a.mkv", np.zeros((2, 2_048, 2_064), np.uint8))
+    assert_says(refusal(open_pictures, tmp_path / "a.mkv"), "has 2064 × 2048 pixels | at most 4194304")
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
