@@ -127,6 +127,43 @@ def test_a_job_whose_process_dies_twice_says_how(job, why):
     assert results["square 3"][0][0] == 9
 
 
+SCRIPT = """
+from saf_gen.core.execution import run_jobs
+from pool_jobs import Exits, Square
+print("started")
+for job, result, error in run_jobs([Square(3), Exits()], workers=2, report=lambda name, done: None):
+    print(job.name, error or result[0])
+"""
+
+
+@pytest.mark.parametrize(
+    ("files", "words", "standard_input"),
+    [
+        ({}, ["-"], SCRIPT),
+        ({}, [], SCRIPT),
+        ({}, ["-c", SCRIPT], ""),
+        ({"plain.py": SCRIPT}, ["plain.py"], ""),
+        ({"plain": SCRIPT}, ["plain"], ""),
+        ({"guarded.py": "if __name__ == '__main__':" + textwrap.indent(SCRIPT, "    ")}, ["guarded.py"], ""),
+        ({"package/__init__.py": "", "package/tool.py": SCRIPT}, ["-m", "package.tool"], ""),
+        ({"folder/__main__.py": SCRIPT}, ["folder"], ""),
+        ({"moves.py": f"import os; os.mkdir('elsewhere'); os.chdir('elsewhere')\n{SCRIPT}"}, ["moves.py"], ""),
+        ({"gone.py": f"import os; os.remove('gone.py')\n{SCRIPT}"}, ["gone.py"], ""),
+    ],
+)
+def test_workers_do_not_run_the_script_again_wherever_it_comes_from(tmp_path, files, words, standard_input):
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, *words]
+    ran = subprocess.run(
+        command, input=standard_input, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert sorted(ran.stdout.splitlines()) == ["exits CodeStopped: its code called exit(0)", "square 3 9", "started"]
+
+
 def test_a_copy_that_a_job_forks_does_not_go_on_with_it(tmp_path):
     assert done([Forks(tmp_path)])["forks"] == ("done", "")
     assert len(list(tmp_path.iterdir())) == 1

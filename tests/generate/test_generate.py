@@ -148,6 +148,19 @@ def test_one_and_two_workers_give_the_same_digests(work, made, tmp_path, worker_
     assert digests(other.folder) == digests(made.folder)
 
 
+@pytest.mark.slow
+def test_a_script_on_standard_input_without_a_guard_makes_a_dataset(work, made, small_recipe, tmp_path):
+    shutil.copytree(made.folder / "stacks", tmp_path / "other/stacks")
+    script = f"""
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+print(generate(resolve_recipe({str(small_recipe)!r}), "other").exit_code)
+"""
+    ran = subprocess.run([sys.executable], input=script, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (ran.stdout, ran.stderr) == ("0\n", "")
+    assert digests(tmp_path / "other") == digests(made.folder)
+
+
 def test_a_damaged_sequence_is_made_again_alone(work, made):
     before = digests(made.folder)
     path = made.folder / "test" / "plane-constant-00.h5"

@@ -10,13 +10,15 @@ import multiprocessing.connection
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from time import monotonic
+from types import ModuleType
 from typing import Any
 
 from saf_gen.core.cores import defer_interrupts
@@ -106,6 +108,20 @@ class _Unsendable:
         raise SafGenError(self.problem)
 
 
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Hide the program that runs here from a process that is spawned.
+
+    The process needs nothing of it, and would run it a second time: it would end there if the program does not guard
+    its start by ``if __name__ == "__main__"``, or was read from standard input.
+    """
+    script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
+
+
 class _Worker:
     """A process, and this end of its pipe."""
 
@@ -115,7 +131,7 @@ class _Worker:
         self.has_begun = True  # or died at its job, which it got before it started
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, self._take(attempt)))
-        with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
+        with defer_interrupts(), _without_script():  # a worker that is interrupted while it starts prints a traceback
             self.process.start()
         theirs.close()
 
