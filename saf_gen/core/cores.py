@@ -11,8 +11,6 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-import numpy as np
-
 from saf_gen.errors import BadInput
 
 IS_WINDOWS = sys.platform == "win32"
@@ -78,6 +76,42 @@ def _find_cgroups(root: Path) -> list[Path]:
     return folders
 
 
+def count_startable(threads: int) -> int:
+    """Return how many of so many threads this process can start now, beside those that it has.
+
+    Limits count the threads and processes of a user (``ulimit -u``) or of a container (``pids``) together. Only trying
+    tells how many are left.
+    """
+    ended, started, stack_bytes = threading.Event(), list[threading.Thread](), threading.stack_size(1 << 16)
+    try:
+        with suppress(RuntimeError):
+            for _ in range(threads):
+                thread = threading.Thread(target=ended.wait)
+                thread.start()
+                started.append(thread)
+    finally:
+        threading.stack_size(stack_bytes)
+        ended.set()
+        for thread in started:
+            thread.join()
+    return len(started)
+
+
+def check_threads(needed: int) -> None:
+    """Raise BadInput if this process can start fewer than ``needed`` threads and processes.
+
+    Libraries that render and compute print lines of their own, interrupt this process or end it if they cannot start
+    their threads.
+    """
+    startable = count_startable(needed)
+    if startable < needed:
+        raise BadInput(
+            f"the limit of threads and processes leaves {startable:,} (ulimit -u, or pids of the container)",
+            allowed=f"{needed:,} or more",
+            hint="stop other programs, use fewer workers, or ask for a higher limit",
+        )
+
+
 def check_address_space(min_bytes: int) -> None:
     """Raise BadInput if this process may address fewer than ``min_bytes`` bytes of memory.
 
@@ -99,6 +133,8 @@ def check_address_space(min_bytes: int) -> None:
 @cache
 def describe_machine() -> str:
     """Return one line on the hardware and software that affect running times, without names of host or user."""
+    import numpy as np  # here, because it starts threads
+
     return (
         f"{_processor()}, {usable_cores()} cores, {platform.system()}, "
         f"Python {platform.python_version()}, numpy {np.__version__}"

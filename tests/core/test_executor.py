@@ -1,5 +1,6 @@
 """Jobs on the cores of this machine: results, failures, dead processes, and workers that end with their parent."""
 
+import errno
 import os
 import random
 import signal
@@ -32,7 +33,7 @@ from pool_jobs import (
 
 from saf_gen.core.execution import run_jobs, silence
 from saf_gen.core.execution.worker_pool import WorkerPool
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, SafGenError
 
 DEATH = "its process died: "
 
@@ -127,6 +128,32 @@ def test_a_job_whose_process_dies_twice_says_how(job, why):
     assert results["square 3"][0][0] == 9
 
 
+@pytest.mark.parametrize("left", [0, 1, 12])
+def test_too_few_threads_are_refused_before_a_process_starts(monkeypatch, left):
+    """The limit is that of Python's own threads here; tests/cli/test_few_processes.py sets that of the system."""
+    start, started = threading._start_new_thread, []
+
+    def start_few(*arguments):
+        if len(started) >= left:
+            raise RuntimeError("can't start new thread")
+        started.append(arguments)
+        return start(*arguments)
+
+    monkeypatch.setattr(threading, "_start_new_thread", start_few)
+    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", lambda *_: pytest.fail("a process started"))
+    with pytest.raises(BadInput, match=f"the limit of threads and processes leaves {left} "):
+        done([Square(2)])
+
+
+def test_a_process_that_cannot_be_started_is_one_line(monkeypatch):
+    def refuse(*_):
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", refuse)
+    with pytest.raises(SafGenError, match="^the system cannot start more threads and processes; "):
+        done([Square(2), Square(3)], workers=2)
+
+
 SCRIPT = """
 from saf_gen.core.execution import run_jobs
 from pool_jobs import Exits, Square
@@ -174,6 +201,9 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
         BadInput("gain -1", where="a.yaml:3", allowed="0 or more"),
         PermissionError(13, "Permission denied", "/there/a.h5"),
         MemoryError(),
+        KeyboardInterrupt(),  # raised by OpenBLAS, which cannot start threads
+        RuntimeError("can't start new thread"),
+        BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)),
         ZeroDivisionError("division by zero"),
         GeneratorExit(),
     ]
@@ -184,6 +214,10 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     assert "Permission denied" in problems["raises PermissionError"]
     assert "/there/a.h5" in problems["raises PermissionError"]
     assert problems["raises MemoryError"] == "out of memory; run with fewer --workers"
+    for name in ("KeyboardInterrupt", "RuntimeError", "BlockingIOError"):
+        assert problems[f"raises {name}"] == (
+            "the system cannot start more threads and processes; run with fewer --workers"
+        )
     assert "division by zero" in problems["raises ZeroDivisionError"]
     assert problems["exits"] == "CodeStopped: its code called exit(0)"
     assert "its code raised GeneratorExit" in problems["raises GeneratorExit"]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterable, Sequence
 from multiprocessing.connection import wait
 
+from saf_gen.core.cores import check_threads, usable_cores
 from saf_gen.core.execution.dask_cluster import Cluster, run_on_dask
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress
 from saf_gen.core.execution.worker_pool import WorkerPool
@@ -22,7 +23,7 @@ def run_jobs(
     On this machine ``workers`` jobs run at a time, together with one of the jobs that take all cores, so that cores do
     not idle while a file is written or a scene loaded. If a job fails, its error is yielded, nothing follows from it,
     and the other jobs continue. A job whose process dies is run once more, alone; if its process dies again, the job
-    has failed.
+    has failed. If the system cannot start the processes with their threads, nothing runs, and BadInput is raised.
 
     Parameters
     ----------
@@ -56,6 +57,7 @@ def run_jobs(
 def _run_on_cores(
     jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
+    check_threads((1 + workers) * (2 + 3 * usable_cores()) + 1)  # in each process, a watch and three libraries
     pools = exclusive_pool, shared_pool = tuple(WorkerPool(count, notify=notify) for count in (1, workers))
 
     def add(jobs: Iterable[Job]) -> None:

@@ -38,9 +38,6 @@ EXIT_LOST = 113
 
 def _serve(pipe: Connection, first: bytes) -> None:
     """Run a job, and those that come through the pipe after it, one at a time, until the pipe or the parent ends."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
     sending = threading.Lock()
 
     def send(*message: Any) -> None:
@@ -51,6 +48,13 @@ def _serve(pipe: Connection, first: bytes) -> None:
         except OSError:  # code of users has closed it
             os._exit(EXIT_LOST)
 
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        try:
+            threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
+        except RuntimeError as refusal:  # there are too many threads
+            send("ended", None, describe_job_error(refusal))
+            return
     packed: bytes | None = first
     while packed is not None:
         send("begun")
@@ -132,7 +136,10 @@ class _Worker:
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, self._take(attempt)))
         with defer_interrupts(), _without_script():  # a worker that is interrupted while it starts prints a traceback
-            self.process.start()
+            try:
+                self.process.start()
+            except BlockingIOError as error:  # there are too many processes
+                raise describe_job_error(error) from error
         theirs.close()
 
     def begin(self, attempt: _Attempt) -> None:
