@@ -82,7 +82,7 @@ def count_startable(threads: int) -> int:
     Limits count the threads and processes of a user (``ulimit -u``) or of a container (``pids``) together. Only trying
     tells how many are left.
     """
-    ended, started, stack_bytes = threading.Event(), list[threading.Thread](), threading.stack_size(1 << 16)
+    ended, started, stack_bytes = threading.Event(), list[threading.Thread](), threading.stack_size(1 << 18)
     try:
         with suppress(RuntimeError):
             for _ in range(threads):

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from saf_gen.core.cores import usable_cores
+from saf_gen.core.execution.executor import threads_needed
 
 USER = 54_321
 """A user without processes; the limit counts those of a user, and does not hold for root."""
@@ -62,7 +62,7 @@ def test_generate_says_in_one_line_that_the_limit_is_low_and_makes_nothing(
     folder, small_recipe, test_scenes, share, workers
 ):
     """From a single process to all but one of those that the run needs."""
-    enough = (1 + workers) * (2 + 3 * usable_cores()) + 1
+    enough = threads_needed(workers)
     ran = run_limited(
         1 + int(share * (enough - 1)), folder, "generate", small_recipe, "--out", folder / "made", "--workers", workers
     )
@@ -77,9 +77,11 @@ def test_generate_says_in_one_line_that_the_limit_is_low_and_makes_nothing(
 @pytest.mark.parametrize("workers", [1, 3])
 def test_generate_runs_with_as_many_as_it_asks_for(folder, small_recipe, test_scenes, workers):
     options = ("generate", small_recipe, "--out", folder / "made", "--workers", workers)
-    refused = run_limited(2 + 3 * usable_cores(), folder, *options)
+    few = threads_needed(workers) // 2
+    refused = run_limited(few, folder, *options)
     asked, left = (int(refused.stderr.partition(before)[2].split()[0]) for before in ("allowed: ", "leaves "))
-    ran = run_limited(2 + 3 * usable_cores() + asked - left, folder, *options)
+    assert asked == threads_needed(workers)
+    ran = run_limited(few + asked - left, folder, *options)
     assert ran.returncode == 0, ran.stderr
     assert "3 sequences recorded" in ran.stdout
 

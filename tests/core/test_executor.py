@@ -128,7 +128,7 @@ def test_a_job_whose_process_dies_twice_says_how(job, why):
     assert results["square 3"][0][0] == 9
 
 
-@pytest.mark.parametrize("left", [0, 1, 12])
+@pytest.mark.parametrize("left", [0, 1, 6])
 def test_too_few_threads_are_refused_before_a_process_starts(monkeypatch, left):
     """The limit is that of Python's own threads here; tests/cli/test_few_processes.py sets that of the system."""
     start, started = threading._start_new_thread, []

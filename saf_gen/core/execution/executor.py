@@ -54,10 +54,19 @@ def run_jobs(
     return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, notify=notify)
 
 
+def threads_needed(workers: int) -> int:
+    """Return how many threads and processes a run with so many workers starts on the cores of this machine."""
+    cores = usable_cores()
+    algebra = 2 * (min(cores, 64) - 1)  # of numpy and of scipy, in each process
+    render = 1 + 2 * cores + algebra
+    recordings = workers * (2 + algebra) + 2 * max(cores, workers)
+    return 1 + render + recordings  # and the one that cleans up after all
+
+
 def _run_on_cores(
     jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
-    check_threads((1 + workers) * (2 + 3 * usable_cores()) + 1)  # in each process, a watch and three libraries
+    check_threads(threads_needed(workers))
     pools = exclusive_pool, shared_pool = tuple(WorkerPool(count, notify=notify) for count in (1, workers))
 
     def add(jobs: Iterable[Job]) -> None:
