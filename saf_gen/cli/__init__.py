@@ -38,6 +38,7 @@ from saf_gen.cli._terminal import at_work, err, out, print_error
 from saf_gen.cli.command import Command, Panel, addon_commands
 from saf_gen.core import cores
 from saf_gen.core.cores import STOPPING, check_address_space
+from saf_gen.core.execution.job import cannot_start
 from saf_gen.core.user_code import describe_exit
 from saf_gen.errors import BadInput, SafGenError
 
@@ -242,12 +243,13 @@ def main(argv: list[str] | None = None) -> NoReturn:
         code = _find_exit_code(error)
     except MemoryError:
         code = print_error(f"memory ran out{_MEMORY_ADVICE}", 1)
-    except RuntimeError as error:
-        if "can't start new thread" not in str(error):
+    except (RuntimeError, OSError) as error:
+        if cannot_start(error):
+            code = print_error(f"the system cannot start more threads and processes{_MEMORY_ADVICE}", 1)
+        elif isinstance(error, OSError):  # a full disk, or a terminal that was closed
+            code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
+        else:
             raise
-        code = print_error(f"the system cannot start more threads{_MEMORY_ADVICE}", 1)
-    except OSError as error:  # a full disk, or a terminal that was closed
-        code = print_error(f"{error.filename or 'the output'}: {error.strerror or error}", 1)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -12,7 +12,7 @@ from saf_gen.cli._tables import print_table
 from saf_gen.cli._terminal import ClusterAddress, OutFolder, RecipeName, err, out, print_error, progress_bars
 from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
 from saf_gen.cli.recapture_command import record_with
-from saf_gen.core.cores import defer_interrupts
+from saf_gen.core.cores import defer_interrupts, usable_cores
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import BadInput, escape_controls
@@ -78,7 +78,7 @@ def generate_command(
     for line in coarse_sampling(resolved):
         err.print(f"warning: {line}")
     if dry_run:
-        _print_plan(plan, workers=workers, machines=machines)
+        _print_plan(plan, workers=workers, machines=machines, variant=variant, cluster=cluster)
         return
     options = {"--out": str(target), "--split": split, "--keep-slices": keep_slices if keep_slices != "all" else None}
     given = [word for option, value in options.items() if value for word in (option, value)]
@@ -189,7 +189,7 @@ def _gigabytes(size: float) -> str:
     return f"{size / 1e9:.2f} GB"
 
 
-def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
+def _print_plan(plan: "Plan", *, workers: int, machines: int, variant: str, cluster: str | None) -> None:
     from saf_gen.generate.plan import KEEP_SLICES
 
     makes = plan.resolved.sequences if plan.share is None else plan.sequences
@@ -223,7 +223,25 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int) -> None:
         names = ", ".join(camera.name for camera in plan.resolved.others)
         out.print(f"then recorded again, which is not in these figures, with: {names}", soft_wrap=True)
     who = "two cores with LLVM" if machines == 1 else f"{machines} machines of two cores with LLVM"
-    out.print(f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}")
+    here = f"; here: {_describe_here(plan, variant)}" if machines == 1 and cluster is None else ""
+    out.print(
+        f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}{here}",
+        soft_wrap=True,
+    )
+
+
+def _describe_here(plan: "Plan", variant: str) -> str:
+    """Return the cores that a run would use here and, if it renders, the renderer or why there is none."""
+    cores = plural(usable_cores(), "core")
+    if not plan.renders:
+        return cores
+    try:
+        from saf_gen.render import backend
+
+        name = backend.choose_backend(variant)
+    except BadInput as missing:
+        return f"{cores}, but {missing.problem}"
+    return f"{cores}, variant {name}{', which is many times slower' if name == 'scalar' else ''}"
 
 
 def _name_some(labels: Sequence[str]) -> str:

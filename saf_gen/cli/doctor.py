@@ -15,7 +15,6 @@ import numpy as np
 from saf_gen.camera import encode, get_sensor
 from saf_gen.camera.counting_law import count_deviations, count_variance, noise_per_spike
 from saf_gen.core import cores
-from saf_gen.core.cores import usable_cores
 from saf_gen.core.extras import RENDERER, installed_version
 from saf_gen.core.kernel_cache import choose_kernel_cache
 from saf_gen.errors import BadInput
@@ -68,7 +67,11 @@ def describe_machine() -> tuple[dict[str, str], list[str]]:
             advice.append(f"to use the card: {backend.CARD_ADVICE}")
         if not found.llvm_usable and not found.cuda:
             advice.append(f"to be faster: {backend.ADVICE}")
-    facts["cores"] = f"{usable_cores()} usable of {os.cpu_count()}"
+    limits = cores.core_limits()
+    least = min(limits.values())
+    decisive = ", ".join(name for name, count in limits.items() if count == least)
+    others = "".join(f"; {name}: {count}" for name, count in limits.items() if count > least)
+    facts["cores"] = f"{least} usable of {os.cpu_count()}, by {decisive}{others}"
     if hasattr(os, "sysconf"):  # not on Windows
         facts["memory"] = f"{os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30:.1f} GiB"
     facts["system"] = f"{platform.system()} {platform.release()} {platform.machine()}"

@@ -7,6 +7,7 @@ import typer
 
 from saf_gen.cli._terminal import out, print_error, progress_bars, terminal_reporter
 from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
+from saf_gen.core.files import DiskFull
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import escape_controls, unknown
 
@@ -65,6 +66,8 @@ def record_with(
         report = terminal_reporter(f"record with {camera.name}", bars)
         done = camera.record_all(dataset, entries, target=target, report=report, tell=tell)
     for name, error in done.failed.items():
+        if isinstance(error, DiskFull):
+            raise error  # the others have failed alike
         print_error(f"{name}: {error}", 1)
     kept = f", {done.kept} kept" if done.kept else ""
     tell(f"{plural(done.made, 'sequence')} recorded with {camera.name}{kept}: {target}")

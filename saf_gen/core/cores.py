@@ -1,16 +1,15 @@
 """The machine that saf_gen runs on: its cores, memory and description, and the signals that stop a program."""
 
+import math
 import os
 import platform
 import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-
-import numpy as np
 
 from saf_gen.errors import BadInput
 
@@ -27,9 +26,90 @@ STOPPING = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, 
 
 def usable_cores() -> int:
     """Return the number of cores that this process may use; a container or scheduler may allow fewer than exist."""
+    return min(core_limits().values())
+
+
+def core_limits() -> dict[str, int]:
+    """Return the number of cores that each limit of this process allows: affinity, quota of its cgroups, and SLURM."""
     if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # macOS has no affinity
+        limits = {"affinity": len(os.sched_getaffinity(0))}
+    else:
+        limits = {"processor": os.cpu_count() or 1}  # macOS has no affinity
+    quota, per_task = cgroup_quota(Path("/")), os.environ.get("SLURM_CPUS_PER_TASK", "")
+    if quota is not None:
+        limits["cgroup quota"] = quota
+    if per_task.isdecimal() and int(per_task):
+        limits["SLURM_CPUS_PER_TASK"] = int(per_task)
+    return limits
+
+
+@cache
+def cgroup_quota(root: Path) -> int | None:
+    """Return the cores that the cgroups of this process and those around them allow, rounded up; None if any number.
+
+    ``root`` is the folder with ``proc`` and ``sys``. Both versions of cgroups count.
+    """
+    quotas = []
+    for group in _find_cgroups(root):
+        for files in (("cpu.max",), ("cpu.cfs_quota_us", "cpu.cfs_period_us")):
+            with suppress(OSError, ValueError):  # there is no such file, or it says "max"
+                quota, period = map(int, " ".join((group / name).read_text() for name in files).split())
+                quotas += [math.ceil(quota / period)] if quota > 0 else []
+    return min(quotas, default=None)
+
+
+def _find_cgroups(root: Path) -> list[Path]:
+    """Return the folders of this process's cgroups that may have a CPU quota, and all folders around them."""
+    folders = []
+    try:
+        groups, mounts = ((root / "proc/self" / name).read_text().splitlines() for name in ("cgroup", "mountinfo"))
+        paths = {name: path for _, names, path in (line.split(":", 2) for line in groups) for name in names.split(",")}
+        for mount in mounts:
+            place, system = (part.split() for part in mount.split(" - ", 1))
+            controller = {"cgroup2": "", "cgroup": "cpu"}.get(system[0])
+            if controller in paths and controller in ("", *system[-1].split(",")):
+                top, point = place[3:5]
+                folder = root / point.lstrip("/") / paths[controller].removeprefix(top).lstrip("/")
+                folders += [folder, *folder.parents]
+    except (OSError, ValueError):  # not Linux
+        return []
+    return folders
+
+
+def count_startable(threads: int) -> int:
+    """Return how many of so many threads this process can start now, beside those that it has.
+
+    Limits count the threads and processes of a user (``ulimit -u``) or of a container (``pids``) together. Only trying
+    tells how many are left.
+    """
+    ended, started, stack_bytes = threading.Event(), list[threading.Thread](), threading.stack_size(1 << 18)
+    try:
+        with suppress(RuntimeError):
+            for _ in range(threads):
+                thread = threading.Thread(target=ended.wait)
+                thread.start()
+                started.append(thread)
+    finally:
+        threading.stack_size(stack_bytes)
+        ended.set()
+        for thread in started:
+            thread.join()
+    return len(started)
+
+
+def check_threads(needed: int) -> None:
+    """Raise BadInput if this process can start fewer than ``needed`` threads and processes.
+
+    Libraries that render and compute print lines of their own, interrupt this process or end it if they cannot start
+    their threads.
+    """
+    startable = count_startable(needed)
+    if startable < needed:
+        raise BadInput(
+            f"the limit of threads and processes leaves {startable:,} (ulimit -u, or pids of the container)",
+            allowed=f"{needed:,} or more",
+            hint="stop other programs, use fewer workers, or ask for a higher limit",
+        )
 
 
 def check_address_space(min_bytes: int) -> None:
@@ -53,6 +133,8 @@ def check_address_space(min_bytes: int) -> None:
 @cache
 def describe_machine() -> str:
     """Return one line on the hardware and software that affect running times, without names of host or user."""
+    import numpy as np  # here, because it starts threads
+
     return (
         f"{_processor()}, {usable_cores()} cores, {platform.system()}, "
         f"Python {platform.python_version()}, numpy {np.__version__}"

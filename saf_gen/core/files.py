@@ -254,13 +254,18 @@ def _lock_like_hdf5(file: int) -> None:
             raise
 
 
+class DiskFull(BadInput):
+    """No disk space is left, or none of the user's quota: nothing else can be written either."""
+
+
 def unwritable(path: Path, error: OSError) -> BadInput:
     """Return the error for a file that cannot be written; it shows final names in place of temporary ones."""
     reason = os.strerror(error.errno) if error.errno else str(error)
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    hint = "free disk space and run the same command again to go on" if full else "choose another folder"
     names = (found["name"] if (found := _TEMPORARY.fullmatch(name)) else name for name in path.parts)
-    return BadInput(f"{Path(*names)} cannot be written: {reason}", hint=hint)
+    problem = f"{Path(*names)} cannot be written: {reason}"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return DiskFull(problem, hint="free disk space and run the same command again to go on")
+    return BadInput(problem, hint="choose another folder")
 
 
 def undeletable(path: Path, error: OSError) -> BadInput:

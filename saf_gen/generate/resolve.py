@@ -162,7 +162,8 @@ def draw_sequences(
     illuminance. ``actuator`` is the recipe's.
 
     Raises BadInput if the recipe sets a parameter that a scene does not have, or a value that its card does not allow,
-    if a split asks for motion but nothing moves, or if two sequences would have the same id.
+    if a split asks for motion but nothing moves, if two sequences would have the same id, or if the recipe, a split or
+    a sequence cannot name files.
     """
     families = defaultdict(SceneFamily, families or {})
     sequences = []
@@ -193,6 +194,9 @@ def draw_sequences(
                     )
                 )
     _check_ids(sequences)
+    names = [("recipe", recipe.name), *(("split", split) for split in recipe.splits)]
+    for what, name in [*names, *(("sequence", s.id) for s in sequences)]:
+        _check_file_name(what, name)
     _check_members(sequences)
     return sequences
 
@@ -232,6 +236,27 @@ def _check_ids(sequences: list[PlannedSequence]) -> None:
                 allowed="each id once in a dataset",
                 hint=f"rename the light {one.light!r}",
             )
+
+
+MAX_NAME_BYTES = 150
+"""Longest name of a recipe, split or sequence. Files may have 255 bytes; what is being written has up to 100 more."""
+RESERVED = {"aux", "con", "nul", "prn", *(f"{port}{n}" for port in ("com", "lpt") for n in "0123456789¹²³")}
+"""Names that Windows gives to devices."""
+
+
+def _check_file_name(what: str, name: str) -> None:
+    size = len(name.encode())
+    if size > MAX_NAME_BYTES:
+        raise BadInput(
+            f"the {what} {name!r} cannot name files: it has {size} bytes",
+            allowed=f"at most {MAX_NAME_BYTES}",
+            hint="shorten the name of the light or the scene" if what == "sequence" else "",
+        )
+    if name in RESERVED or name.startswith("-"):
+        raise BadInput(
+            f"the {what} {name!r} cannot name files",
+            allowed="names without - at the beginning, except those of devices of Windows (con, aux, com1, …)",
+        )
 
 
 def _name_member(scene: str, split: str, *, member: int) -> str:

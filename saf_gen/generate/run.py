@@ -20,6 +20,7 @@ from saf_gen.core.config.ranges import is_range, range_extremes
 from saf_gen.core.execution import Cluster, ReportProgress, SchedulerLost, run_jobs
 from saf_gen.core.extras import RESULT_PACKAGES, installed_version
 from saf_gen.core.files import (
+    DiskFull,
     check_file_system,
     check_ours,
     check_writable,
@@ -159,6 +160,8 @@ def generate(
         If the backend or the choice of slices is unknown, if the backend cannot run here, if the folder cannot be used,
         here or on a worker, or if the recipe has the name of a frozen benchmark but would give different spikes. It is
         raised before anything is made.
+    DiskFull
+        If no disk space is left; the manifest lists what was finished before.
     SafGenError
         If the scheduler of the cluster is lost; the manifest lists what was finished before.
     """
@@ -215,6 +218,8 @@ def run_plan(
     try:
         with closing(ended):
             for job, result, error in ended:
+                if isinstance(error, DiskFull):
+                    raise error  # as every other job would
                 if error is not None:
                     failed[job.name] = error
                 elif isinstance(job, RenderJob):
@@ -223,7 +228,8 @@ def run_plan(
                     freed += result
                 elif isinstance(job, RecordJob) and not result.lacks_slices:
                     recordings[job.sequence.id] = result.kept
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, DiskFull):
+        remove_leftovers(folder, recursive=True)  # of workers that were stopped
         _list_finished(plan)
         raise
     except SchedulerLost as lost:

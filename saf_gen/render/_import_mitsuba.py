@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from saf_gen.core.cores import check_threads, usable_cores
 from saf_gen.core.extras import RENDERER, require_extra
 from saf_gen.errors import BadInput
 
@@ -31,6 +32,7 @@ def _silent_stderr() -> Iterator[None]:
 
 
 require_extra("render", *RENDERER, of="rendering")
+check_threads(usable_cores() + 2)
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 with _silent_stderr():

@@ -1,6 +1,7 @@
 """`saf-gen doctor`: the description of the machine, and a self-check that finds what computes wrongly."""
 
 import json
+import os
 import sys
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from saf_gen.camera import encoder
 from saf_gen.cli import doctor
+from saf_gen.core import cores
 from saf_gen.optics import ImageDistanceDrive
 
 
@@ -67,3 +69,19 @@ def test_a_check_that_fails_or_breaks_is_a_line_and_exit_code_1(as_json, call, m
     monkeypatch.setattr(doctor, "check_encoder", lambda: (True, "alike"))
     monkeypatch.setattr(doctor, "check_spikes", lambda: (True, "alike"))
     assert call("doctor")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("slurm", "line"),
+    [
+        ("1", "1 usable of {}, by SLURM_CPUS_PER_TASK; affinity: 3"),
+        ("3", "3 usable of {}, by affinity, SLURM_CPUS_PER_TASK"),
+        ("100", "3 usable of {}, by affinity; SLURM_CPUS_PER_TASK: 100"),
+        ("", "3 usable of {}, by affinity"),
+    ],
+)
+def test_the_line_on_cores_says_which_limit_counts(monkeypatch, slurm, line):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2}, raising=False)
+    monkeypatch.setattr(cores, "cgroup_quota", lambda root: None)
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", slurm)
+    assert doctor.describe_machine()[0]["cores"] == line.format(os.cpu_count())

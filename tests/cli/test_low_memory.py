@@ -43,7 +43,7 @@ def test_a_command_under_such_a_limit_ends_at_once():
     ("error", "message"),
     [
         (MemoryError(), "memory ran out"),
-        (RuntimeError("can't start new thread"), "the system cannot start more threads"),
+        (RuntimeError("can't start new thread"), "the system cannot start more threads and processes"),
     ],
 )
 def test_memory_that_runs_out_is_one_line(monkeypatch, call, error, message):

@@ -1,5 +1,6 @@
 """Jobs on the cores of this machine: results, failures, dead processes, and workers that end with their parent."""
 
+import errno
 import os
 import random
 import signal
@@ -32,7 +33,7 @@ from pool_jobs import (
 
 from saf_gen.core.execution import run_jobs, silence
 from saf_gen.core.execution.worker_pool import WorkerPool
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, SafGenError
 
 DEATH = "its process died: "
 
@@ -127,6 +128,69 @@ def test_a_job_whose_process_dies_twice_says_how(job, why):
     assert results["square 3"][0][0] == 9
 
 
+@pytest.mark.parametrize("left", [0, 1, 6])
+def test_too_few_threads_are_refused_before_a_process_starts(monkeypatch, left):
+    """The limit is that of Python's own threads here; tests/cli/test_few_processes.py sets that of the system."""
+    start, started = threading._start_new_thread, []
+
+    def start_few(*arguments):
+        if len(started) >= left:
+            raise RuntimeError("can't start new thread")
+        started.append(arguments)
+        return start(*arguments)
+
+    monkeypatch.setattr(threading, "_start_new_thread", start_few)
+    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", lambda *_: pytest.fail("a process started"))
+    with pytest.raises(BadInput, match=f"the limit of threads and processes leaves {left} "):
+        done([Square(2)])
+
+
+def test_a_process_that_cannot_be_started_is_one_line(monkeypatch):
+    def refuse(*_):
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", refuse)
+    with pytest.raises(SafGenError, match="^the system cannot start more threads and processes; "):
+        done([Square(2), Square(3)], workers=2)
+
+
+SCRIPT = """
+from saf_gen.core.execution import run_jobs
+from pool_jobs import Exits, Square
+print("started")
+for job, result, error in run_jobs([Square(3), Exits()], workers=2, report=lambda name, done: None):
+    print(job.name, error or result[0])
+"""
+
+
+@pytest.mark.parametrize(
+    ("files", "words", "standard_input"),
+    [
+        ({}, ["-"], SCRIPT),
+        ({}, [], SCRIPT),
+        ({}, ["-c", SCRIPT], ""),
+        ({"plain.py": SCRIPT}, ["plain.py"], ""),
+        ({"plain": SCRIPT}, ["plain"], ""),
+        ({"guarded.py": "if __name__ == '__main__':" + textwrap.indent(SCRIPT, "    ")}, ["guarded.py"], ""),
+        ({"package/__init__.py": "", "package/tool.py": SCRIPT}, ["-m", "package.tool"], ""),
+        ({"folder/__main__.py": SCRIPT}, ["folder"], ""),
+        ({"moves.py": f"import os; os.mkdir('elsewhere'); os.chdir('elsewhere')\n{SCRIPT}"}, ["moves.py"], ""),
+        ({"gone.py": f"import os; os.remove('gone.py')\n{SCRIPT}"}, ["gone.py"], ""),
+    ],
+)
+def test_workers_do_not_run_the_script_again_wherever_it_comes_from(tmp_path, files, words, standard_input):
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, *words]
+    ran = subprocess.run(
+        command, input=standard_input, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert sorted(ran.stdout.splitlines()) == ["exits CodeStopped: its code called exit(0)", "square 3 9", "started"]
+
+
 def test_a_copy_that_a_job_forks_does_not_go_on_with_it(tmp_path):
     assert done([Forks(tmp_path)])["forks"] == ("done", "")
     assert len(list(tmp_path.iterdir())) == 1
@@ -137,6 +201,9 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
         BadInput("gain -1", where="a.yaml:3", allowed="0 or more"),
         PermissionError(13, "Permission denied", "/there/a.h5"),
         MemoryError(),
+        KeyboardInterrupt(),  # raised by OpenBLAS, which cannot start threads
+        RuntimeError("can't start new thread"),
+        BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)),
         ZeroDivisionError("division by zero"),
         GeneratorExit(),
     ]
@@ -147,6 +214,10 @@ def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     assert "Permission denied" in problems["raises PermissionError"]
     assert "/there/a.h5" in problems["raises PermissionError"]
     assert problems["raises MemoryError"] == "out of memory; run with fewer --workers"
+    for name in ("KeyboardInterrupt", "RuntimeError", "BlockingIOError"):
+        assert problems[f"raises {name}"] == (
+            "the system cannot start more threads and processes; run with fewer --workers"
+        )
     assert "division by zero" in problems["raises ZeroDivisionError"]
     assert problems["exits"] == "CodeStopped: its code called exit(0)"
     assert "its code raised GeneratorExit" in problems["raises GeneratorExit"]

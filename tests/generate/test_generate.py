@@ -1,5 +1,6 @@
 """Generating a dataset: complete, independent of the workers, resumed after a kill, refused before anything is made."""
 
+import errno
 import json
 import os
 import shutil
@@ -10,6 +11,7 @@ import time
 from collections import namedtuple
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,6 +150,19 @@ def test_one_and_two_workers_give_the_same_digests(work, made, tmp_path, worker_
     assert digests(other.folder) == digests(made.folder)
 
 
+@pytest.mark.slow
+def test_a_script_on_standard_input_without_a_guard_makes_a_dataset(work, made, small_recipe, tmp_path):
+    shutil.copytree(made.folder / "stacks", tmp_path / "other/stacks")
+    script = f"""
+from saf_gen.generate.resolve import resolve_recipe
+from saf_gen.generate.run import generate
+print(generate(resolve_recipe({str(small_recipe)!r}), "other").exit_code)
+"""
+    ran = subprocess.run([sys.executable], input=script, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (ran.stdout, ran.stderr) == ("0\n", "")
+    assert digests(tmp_path / "other") == digests(made.folder)
+
+
 def test_a_damaged_sequence_is_made_again_alone(work, made):
     before = digests(made.folder)
     path = made.folder / "test" / "plane-constant-00.h5"
@@ -251,6 +266,72 @@ def test_a_full_disk_is_refused_before_anything_is_made(work, tmp_path, monkeypa
     monkeypatch.setattr("shutil.disk_usage", lambda path: usage(1, 1, 0))
     assert_says(refusal(generate, work, tmp_path / "ds", variant=VARIANT), "needs about | 0 MB are free")
     assert not (tmp_path / "ds").exists()
+
+
+@pytest.fixture
+def fill_disk(monkeypatch):
+    """Return a function after which the disk is full once so many recordings have been written."""
+
+    def fill(fits):
+        sync, written = os.fsync, []
+
+        def sync_few(file):
+            if ".h5." in Path(f"/proc/self/fd/{file}").readlink().name:
+                if len(written) >= fits:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                written.append(file)
+            sync(file)
+
+        monkeypatch.setattr(os, "fsync", sync_few)
+
+    return fill
+
+
+@pytest.mark.parametrize("fits", [0, 1, 2])
+def test_a_disk_that_fills_stops_the_run_in_one_line_and_lists_what_is_finished(
+    small_recipe, made, call, fill_disk, fits
+):
+    for path in (made.folder / "test").iterdir():
+        path.unlink()
+    fill_disk(fits)
+    code, out, err = call("generate", small_recipe, "--out", made.folder, "--variant", VARIANT)
+    (line,) = (line for line in err.splitlines() if not line.startswith("done: "))
+    unmade = made.folder / f"test/{made.recorded[fits]}.h5"
+    hint = "free disk space and run the same command again to go on"
+    assert line == f"saf-gen: {unmade} cannot be written: No space left on device; {hint}"
+    assert (code, out) == (2, "")
+    assert list(digests(made.folder)) == made.recorded[:fits]
+    assert len(list(made.folder.rglob("*.part"))) == 0
+
+
+@pytest.mark.parametrize("fits", [0, 1])
+def test_a_disk_that_fills_while_another_camera_records_is_one_line(made, call, fill_disk, fits):
+    fill_disk(fits)
+    code, _, err = call("recapture", made.folder, "--sensor", "evk4")
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"{made.recorded[fits]}.h5 cannot be written: No space left on device; free disk space" in err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may mount a small disk")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_small_disk_that_fills_is_one_line(small_recipe, made, tmp_path, workers):
+    """Three recordings and their stacks take 600 kB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=500k", "tmpfs", disk], check=False).returncode:
+        pytest.skip("a container may not mount a small disk")
+    try:
+        for name in ("stacks", "preview"):
+            shutil.copytree(made.folder / name, disk / "made" / name)
+        command = ["generate", small_recipe, "--out", disk / "made", "--workers", str(workers), "--variant", VARIANT]
+        ran = subprocess.run([sys.executable, "-m", "saf_gen", *command], capture_output=True, text=True, check=False)
+        (line,) = (line for line in ran.stderr.splitlines() if not line.startswith("done: "))
+        assert (ran.returncode, ran.stdout) == (2, "")
+        assert "cannot be written: No space left on device; free disk space" in line
+        assert list(disk.rglob("*.part")) == []
+    finally:
+        subprocess.run(["umount", "--lazy", disk], check=True)
 
 
 def test_a_scene_that_fails_is_named_and_leaves_no_recording(small_recipe, tmp_path, monkeypatch, test_scenes):

@@ -1,12 +1,18 @@
 """The plan of a run, as `saf-gen generate --dry-run` states it, with simulated machines."""
 
+import os
+import re
+import sys
 from dataclasses import replace
 
 import pytest
+from capture_dataset import VARIANT
 
 from saf_gen.generate.plan import MachineRates, make_plan, simulate_machines
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
+from saf_gen.render import backend
+from saf_gen.render.backend import BackendProbe
 
 RECIPE = """\
 name: many
@@ -95,10 +101,63 @@ def test_a_dry_run_states_jobs_and_how_machines_share_them(call, tmp_path):
     jobs, alone = last_lines()
     assert jobs.startswith("jobs: 3 to render, about ")
     assert "; 9 to record, about " in jobs
-    assert alone.endswith(" on two cores with LLVM")
+    assert " on two cores with LLVM; here: " in alone
     assert last_lines("--machines", "3")[0] == jobs
     assert last_lines("--machines", "3")[1].endswith(" on 3 machines of two cores with LLVM")
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("cores", "options", "probe", "here"),
+    [
+        ("1", [], BackendProbe((19, 1, 7), cuda=False), "1 core, variant llvm"),
+        ("3", [], BackendProbe((19, 1, 7), cuda=False), "3 cores, variant llvm"),
+        ("3", [], BackendProbe((19, 1, 7), cuda=True), "3 cores, variant cuda"),
+        ("3", [], BackendProbe(None, cuda=False), "3 cores, variant scalar, which is many times slower"),
+        ("3", [], BackendProbe((11, 0, 0), cuda=False), "3 cores, variant scalar, which is many times slower"),
+        (
+            "3",
+            ["--variant", "scalar"],
+            BackendProbe(None, cuda=True),
+            "3 cores, variant scalar, which is many times slower",
+        ),
+        (
+            "3",
+            ["--variant", "llvm"],
+            BackendProbe(None, cuda=False),
+            "3 cores, but variant llvm cannot run here: no LLVM",
+        ),
+        ("3", ["--variant", "fast"], BackendProbe(None, cuda=False), "3 cores, but unknown variant 'fast'"),
+        ("3", ["--machines", "2"], BackendProbe(None, cuda=False), None),
+        ("3", ["--cluster", "tcp://nowhere:1"], BackendProbe(None, cuda=False), None),
+    ],
+)
+def test_a_dry_run_says_what_its_time_rests_on_and_what_is_here(
+    call, tmp_path, monkeypatch, cores, options, probe, here
+):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
+    monkeypatch.setenv("SLURM_CPUS_PER_TASK", cores)
+    monkeypatch.setattr(backend, "probe_backends", lambda: probe)
+    code, out, _ = call("generate", "quickstart", "--out", tmp_path / "new", "--dry-run", *options)
+    assert code == 0
+    _, _, stated = out.splitlines()[-1].partition("with LLVM")
+    assert stated.startswith(f"; here: {here}") if here else stated == ""
+
+
+def test_a_dry_run_names_no_renderer_where_there_is_none_or_nothing_to_render(
+    call, tmp_path, monkeypatch, small_recipe, test_scenes
+):
+    options = ["generate", small_recipe, "--out", tmp_path / "made"]
+    with monkeypatch.context() as patch:
+        for name in [m for m in sys.modules if m.startswith("saf_gen.render")]:
+            patch.delitem(sys.modules, name)
+        patch.setitem(sys.modules, "mitsuba", None)
+        code, out, _ = call(*options, "--dry-run")
+    assert code == 0
+    assert re.search(r"; here: \d+ cores?, but rendering needs the package mitsuba$", out)
+    assert call(*options, "--variant", VARIANT)[0] == 0
+    (tmp_path / "made/test/plane-constant-00.h5").unlink()
+    assert re.search(r"; here: \d+ cores?$", call(*options, "--dry-run")[1])
 
 
 @pytest.mark.parametrize(

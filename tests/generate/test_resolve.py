@@ -1,9 +1,14 @@
 """Recipes become sequences; drawn numbers depend on names only."""
 
+import os
+import socket
+from pathlib import Path
+
 import pytest
 import yaml
 from refusals import assert_says, refusal
 
+from saf_gen.core.files import temporary_name
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint, resolve_recipe
 
@@ -42,6 +47,85 @@ def test_open_numbers_are_drawn_within_their_range_and_differ_between_repeats():
     assert 0.1 <= first.mean_rate <= 0.3
     assert first.seed != second.seed
     assert [s.motion for s in plan()] == [{"kind": "sweep"}] * 4
+
+
+def plan_named(light="fixed", split="test", scene="camel", name="tiny"):
+    splits = {split: {"scenes": [scene], "lights": [light]}}
+    return plan(name=name, lights={light: {"kind": "constant"}}, splits=splits)
+
+
+LONGEST_LIGHT = "a" * (150 - len("camel--00"))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {"light": LONGEST_LIGHT},
+        {"light": "-rf"},  # the id begins with the scene
+        {"light": "con"},
+        {"scene": "con"},
+        {"split": "s" * 150},
+        {"split": "ä" * 75},
+        {"split": "console"},
+        {"split": "com"},
+        {"split": "com10"},
+        {"split": "r-f"},
+        {"split": "2"},
+        {"name": "n" * 150},
+    ],
+)
+def test_names_of_files_may_be_long_and_begin_and_end_as_they_like(names):
+    (sequence,) = plan_named(**names)
+    assert len(sequence.file.rpartition("/")[2].encode()) <= 153
+
+
+@pytest.mark.parametrize(
+    ("names", "fragments"),
+    [
+        ({"light": "a" * 200}, f"the sequence 'camel-{'a' * 200}-00' | 209 bytes | at most 150 | shorten the name of"),
+        ({"light": LONGEST_LIGHT + "a"}, "151 bytes | at most 150"),
+        ({"light": "ä" * 71}, "151 bytes | at most 150"),
+        ({"scene": "a" * 200}, "209 bytes | at most 150"),
+        ({"split": "s" * 151}, "the split 'sss | 151 bytes | at most 150"),
+        ({"split": "ä" * 76}, "152 bytes | at most 150"),
+        ({"name": "n" * 151}, "the recipe 'nnn | 151 bytes | at most 150"),
+        *(
+            (
+                {key: name},
+                f"the {what} {name!r} cannot name files | allowed: names without - at the beginning | Windows",
+            )
+            for key, what in (("split", "split"), ("name", "recipe"))
+            for name in ("con", "aux", "nul", "prn", "com1", "lpt9", "com0")
+        ),
+        ({"split": "-rf"}, "the split '-rf' cannot name files | names without - at the beginning"),
+        ({"split": "com¹"}, "the split 'com¹' cannot name files"),
+    ],
+)
+def test_names_that_some_file_system_does_not_take_are_refused(names, fragments):
+    assert_says(refusal(plan_named, **names), fragments)
+
+
+def test_the_longest_names_fit_while_they_are_written():
+    """File systems take 255 bytes. A machine's name has up to 40 here, and the id of a process up to 7."""
+    written = temporary_name(Path(f"{'a' * 150}-0123456789ab.npy")).name
+    assert len(written) - len(socket.gethostname()[:40]) - len(str(os.getpid())) + 40 + 7 <= 255
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("constant", "c" * 200), ("  test:", "  con:"), ("  test:", "  -rf:"), ("name: small", "name: aux")],
+)
+def test_recipes_check_and_generate_refuse_such_names_before_anything_is_made(
+    call, small_recipe, test_scenes, tmp_path, old, new
+):
+    small_recipe.write_text(small_recipe.read_text().replace(old, new).replace(f"kind: {new}", f"kind: {old}"))
+    for command in ("recipes check", "generate"):
+        options = ["--out", tmp_path / "made"] if command == "generate" else []
+        code, out, err = call(*command.split(), small_recipe, *options)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert err.startswith(f"saf-gen: {small_recipe}: the ")
+        assert "cannot name files" in err
+    assert not (tmp_path / "made").exists()
 
 
 def drawn_motions(motion, **changes):

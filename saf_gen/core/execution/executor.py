@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterable, Sequence
 from multiprocessing.connection import wait
 
+from saf_gen.core.cores import check_threads, usable_cores
 from saf_gen.core.execution.dask_cluster import Cluster, run_on_dask
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress
 from saf_gen.core.execution.worker_pool import WorkerPool
@@ -22,7 +23,7 @@ def run_jobs(
     On this machine ``workers`` jobs run at a time, together with one of the jobs that take all cores, so that cores do
     not idle while a file is written or a scene loaded. If a job fails, its error is yielded, nothing follows from it,
     and the other jobs continue. A job whose process dies is run once more, alone; if its process dies again, the job
-    has failed.
+    has failed. If the system cannot start the processes with their threads, nothing runs, and BadInput is raised.
 
     Parameters
     ----------
@@ -53,9 +54,19 @@ def run_jobs(
     return _run_on_cores(jobs, workers, report=report, follow_up=follow_up, notify=notify)
 
 
+def threads_needed(workers: int) -> int:
+    """Return how many threads and processes a run with so many workers starts on the cores of this machine."""
+    cores = usable_cores()
+    algebra = 2 * (min(cores, 64) - 1)  # of numpy and of scipy, in each process
+    render = 1 + 2 * cores + algebra
+    recordings = workers * (2 + algebra) + 2 * max(cores, workers)
+    return 1 + render + recordings  # and the one that cleans up after all
+
+
 def _run_on_cores(
     jobs: Sequence[Job], workers: int, *, report: ReportProgress, follow_up: FollowUp, notify: Callable[[str], None]
 ) -> Generator[JobResult]:
+    check_threads(threads_needed(workers))
     pools = exclusive_pool, shared_pool = tuple(WorkerPool(count, notify=notify) for count in (1, workers))
 
     def add(jobs: Iterable[Job]) -> None:

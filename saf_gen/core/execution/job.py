@@ -4,6 +4,8 @@ A job is a picklable value with a method ``run(report)``. It is idempotent and l
 runs twice, or a worker that dies, does no harm. Its return value is small.
 """
 
+import errno
+import os
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
@@ -39,12 +41,24 @@ FollowUp = Callable[[Any, Any], Iterable[Job]]
 """Called with a job that succeeded and its result; returns the jobs that may start then."""
 
 
+def cannot_start(error: BaseException) -> bool:
+    """Return whether an exception means that the system refuses another thread or process."""
+    # OpenBLAS interrupts its process; a worker's user interrupts the run, which then ends the worker.
+    return (
+        isinstance(error, KeyboardInterrupt)
+        or (isinstance(error, RuntimeError) and "can't start new thread" in str(error))
+        or (isinstance(error, OSError) and error.strerror == os.strerror(errno.EAGAIN))
+    )
+
+
 def describe_job_error(error: BaseException) -> SafGenError:
     """Return the error of a job as users see it, whatever exception the job raised."""
     if isinstance(error, SafGenError):
         return error
     if isinstance(error, MemoryError):
         message = "out of memory; run with fewer --workers"
+    elif cannot_start(error):
+        message = "the system cannot start more threads and processes; run with fewer --workers"
     else:
         message = f"{type(error).__name__}: {error}"
     return SafGenError(message)

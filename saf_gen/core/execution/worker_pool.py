@@ -10,13 +10,15 @@ import multiprocessing.connection
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from time import monotonic
+from types import ModuleType
 from typing import Any
 
 from saf_gen.core.cores import defer_interrupts
@@ -36,9 +38,6 @@ EXIT_LOST = 113
 
 def _serve(pipe: Connection, first: bytes) -> None:
     """Run a job, and those that come through the pipe after it, one at a time, until the pipe or the parent ends."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
     sending = threading.Lock()
 
     def send(*message: Any) -> None:
@@ -49,6 +48,13 @@ def _serve(pipe: Connection, first: bytes) -> None:
         except OSError:  # code of users has closed it
             os._exit(EXIT_LOST)
 
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        try:
+            threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
+        except RuntimeError as refusal:  # there are too many threads
+            send("ended", None, describe_job_error(refusal))
+            return
     packed: bytes | None = first
     while packed is not None:
         send("begun")
@@ -106,6 +112,20 @@ class _Unsendable:
         raise SafGenError(self.problem)
 
 
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Hide the program that runs here from a process that is spawned.
+
+    The process needs nothing of it, and would run it a second time: it would end there if the program does not guard
+    its start by ``if __name__ == "__main__"``, or was read from standard input.
+    """
+    script, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
+
+
 class _Worker:
     """A process, and this end of its pipe."""
 
@@ -115,8 +135,11 @@ class _Worker:
         self.has_begun = True  # or died at its job, which it got before it started
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, self._take(attempt)))
-        with defer_interrupts():  # a worker that is interrupted while it starts prints a traceback
-            self.process.start()
+        with defer_interrupts(), _without_script():  # a worker that is interrupted while it starts prints a traceback
+            try:
+                self.process.start()
+            except BlockingIOError as error:  # there are too many processes
+                raise describe_job_error(error) from error
         theirs.close()
 
     def begin(self, attempt: _Attempt) -> None:
