@@ -28,6 +28,8 @@ def check_repeat(subject: SceneUnderTest) -> Iterator[Finding]:
         yield Finding("repeat", "error", f"built once, but not in a second process: {again}")
     elif not is_same(subject.renderer.sums, again):
         yield Finding("repeat", "error", f"not the same scene in a second process: {HINT}")
+    else:
+        yield Finding("repeat", "ok", "the same in a second process")
 
 
 def _build_elsewhere(subject: SceneUnderTest) -> list[float] | str:
