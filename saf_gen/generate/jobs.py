@@ -1,5 +1,6 @@
 """The jobs that make a dataset, as values that can be sent to another process, and the order in which they run."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,11 +17,14 @@ from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import PICTURES, StackSpec, StackStore
 from saf_gen.stack.grain import read_grain
 from saf_gen.stack.picture_stack import PictureStack
+from saf_gen.stack.same_scene import require_same_scene
 from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 
 COMPUTED_FRACTION = 0.99
 """Progress of a piece of work once everything is computed; it becomes 1 when its files have their final names."""
+MAX_OTHERS = 8
+"""Stacks of a scene and its parameters with which each further one is compared; more would not show more."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class RenderJob:
         Whether to measure the grain of the stored pictures too.
     wanted : tuple of StackSpec, optional
         The slices that are rendered, if other shards render the rest; by default all.
+    others : tuple of StackSpec, optional
+        Other stacks of the scene with the same parameters, which must show the same.
     """
 
     label: str
@@ -52,6 +58,7 @@ class RenderJob:
     backend: str
     measure_grain: bool = True
     wanted: tuple[StackSpec, ...] | None = None
+    others: tuple[StackSpec, ...] = ()
 
     @property
     def name(self) -> str:
@@ -91,6 +98,7 @@ class RenderJob:
                 self.time_stack.specs,
                 **options,
                 wanted=self.wanted,
+                others=self.others,
                 geometry_first=self.wanted is not None,
                 progress=progress,
             )
@@ -177,7 +185,8 @@ class RecordResult:
 class RecordJob:
     """Records one sequence, unless a recording with the same fingerprint exists and its content matches its digest.
 
-    ``side_by_side`` is the number of recordings that share the cores of a machine.
+    ``side_by_side`` is the number of recordings that share the cores of a machine, and ``others`` are other stacks of
+    the scene with the same parameters. The job fails if their pictures and its own do not show the same scene.
     """
 
     recorder: Recorder
@@ -187,6 +196,7 @@ class RecordJob:
     path: Path
     fingerprint: str
     side_by_side: int
+    others: tuple[StackSpec, ...] = ()
     wants_gpu = False
 
     @property
@@ -204,6 +214,7 @@ class RecordJob:
         if digest is None:
             if self.time_stack.is_moving and self.time_stack.find_missing(self.stacks):
                 return RecordResult("", kept=False, lacks_slices=True)
+            require_same_scene(self.stacks, [*self.time_stack.specs, *self.others])
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 digest = self.recorder.record(
@@ -346,7 +357,21 @@ class JobOrder:
         label, measure_grain = user.stack_label(stack), stack in self._plan.by_stack
         backend = PICTURES if isinstance(user.scene, PictureStack) else self._backend
         wanted = self._plan.to_render[stack] if share and stack in share.cut else None
-        return RenderJob(label, user.scene, stack, self._stacks, backend, measure_grain, wanted)
+        others = self._others(stack)
+        return RenderJob(label, user.scene, stack, self._stacks, backend, measure_grain, wanted, others)
+
+    def _others(self, stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
+        """Return the first slices of a few other stacks of the recipe with the scene and parameters of this one."""
+        first = stack.specs[0]
+        alike = self._alike[first.scene, first.scene_digest, first.params][:MAX_OTHERS]
+        return tuple(spec for spec in alike if spec != first)
+
+    @cached_property
+    def _alike(self) -> dict[tuple[str, str, str], list[StackSpec]]:
+        alike = defaultdict[tuple[str, str, str], list[StackSpec]](list)
+        for spec in dict.fromkeys(stack.specs[0] for s in self._plan.resolved.all_sequences for stack in s.stacks):
+            alike[spec.scene, spec.scene_digest, spec.params].append(spec)
+        return alike
 
     def _jobs_on_cut_stacks(self) -> list[Job]:
         jobs: list[Job] = []
@@ -382,6 +407,7 @@ class JobOrder:
         users = self._plan.by_stack.get(stack, []) if users is None else users
         self._finished -= {s.planned.id for s in users}
         digest = stack.digest(self._stacks) if users else ""
+        others = self._others(stack) if users else ()
         return [
             RecordJob(
                 self._recorder,
@@ -391,6 +417,7 @@ class JobOrder:
                 self._plan.folder / s.planned.file,
                 s.fingerprint(digest),
                 self._workers,
+                others,
             )
             for s in users
         ]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from saf_gen.core import seeds
 from saf_gen.errors import BadInput
@@ -13,6 +14,7 @@ from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.render.thin_section import SectionRenderer, draw_missing
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import PixelGrid, StackSpec, StackStore
+from saf_gen.stack.same_scene import require_same_scene
 
 MOMENTS_IN_LIGHT = 5  # at which the target's own light is looked for, if it moves or is moved past
 
@@ -33,6 +35,7 @@ def render_missing(
     root: Path,
     backend_name: str,
     wanted: Collection[StackSpec] | None = None,
+    others: Sequence[StackSpec] = (),
     geometry_first: bool = False,
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
@@ -52,6 +55,8 @@ def render_missing(
         renders position by position. A thin section is drawn by waves with any of them.
     wanted : collection of StackSpec, optional
         Those among the stacks that are rendered; by default all. Each is the same as if all were rendered.
+    others : sequence of StackSpec, optional
+        Other stacks of the scene, with the same parameters. What is stored of all of them must show the same scene.
     geometry_first : bool, default False
         Whether depth and target of all moments are stored before the first picture. Other processes that render the
         remaining moments need them, but each moment is then loaded once more.
@@ -69,12 +74,13 @@ def render_missing(
     Raises
     ------
     BadInput
-        If the scene cannot be built, the lens runs into it, the target of a single stack is out of sight or cannot be
-        focused, or a spec asks for diffraction or aberrations that the backend cannot render.
+        If the scene cannot be built or is not the one in what is stored, the lens runs into it, the target of a single
+        stack is out of sight or cannot be focused, or a spec asks for diffraction or aberrations that the backend
+        cannot render.
     """
     if scene.card.section is not None:
         drawn = [spec for spec in specs if wanted is None or spec in wanted]
-        return draw_missing(scene, drawn, root=root, threads=threads, progress=progress)
+        return draw_missing(scene, drawn, root=root, others=others, threads=threads, progress=progress)
     if not backend.can_render_waves(backend_name) and any(spec.wavelength_m for spec in specs):
         raise BadInput(
             f"variant {backend_name} cannot render diffraction",
@@ -105,6 +111,9 @@ def render_missing(
         travel=(float(base.focus[0]), float(base.focus[-1])),
     )
 
+    require_same_scene(root, [*specs, *others], sums=renderer.sums)
+    how: dict[str, Any] = {"backend": backend_name, "sums": renderer.sums}
+
     def show(time_s: float) -> dict[str, RenderSetup]:
         return renderer.show(base.groups, time_s=time_s)
 
@@ -115,7 +124,7 @@ def render_missing(
 
     def store_geometry(spec: StackSpec, setup: RenderSetup) -> None:
         seen = depth_and_target.trace_geometry(setup, scene.card.target, allow_unseen_target=len(specs) > 1)
-        StackStore(root, spec).write_geometry(seen.depth, seen.target, backend=backend_name)
+        StackStore(root, spec).write_geometry(seen.depth, seen.target, **how)
 
     if geometry_first:
         for n, (spec, missing) in enumerate(moments):
@@ -157,7 +166,7 @@ def render_missing(
         # Light groups are always rendered together, so that a picture is the same whichever of them was missing.
         for name, (radiance, clipped) in found.items():
             if name in missing:
-                store.write_group(name, radiance, backend=backend_name, clipped=clipped)
+                store.write_group(name, radiance, clipped=clipped, **how)
     if len(specs) == 1:
         return [name for _, name in todo]
     return [f"{name} at {spec.time_s:.4f} s" for spec, name in todo]

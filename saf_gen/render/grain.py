@@ -24,6 +24,7 @@ from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.grain import Grain, estimate_grain, measure_pictures, read_grain, write_grain
+from saf_gen.stack.same_scene import require_same_scene
 from saf_gen.stack.second_render import second_render, stacks_to_repeat
 from saf_gen.stack.time_resolved import SHADING_MOMENTS
 
@@ -57,7 +58,7 @@ def measure_by_repeat(
     Raises
     ------
     BadInput
-        If :func:`saf_gen.render.render_missing` raises it.
+        If :func:`saf_gen.render.render_missing` raises it, or if the scene's script returned something else this time.
     """
     chosen = stacks_to_repeat(specs, root)
     again = {spec: second_render(spec, slices=len(specs)) for spec in chosen}
@@ -74,6 +75,8 @@ def measure_by_repeat(
             threads=threads,
             progress=lambda name, done: progress("grain", done),
         )
+        for sums in StackStore(folder, again[todo[0]]).scene_sums()[:1]:
+            require_same_scene(root, specs, sums=sums)
         for spec in todo:
             planes = StackStore(folder, again[spec]).load_planes(0, spec.rendered_count)
             _compare_stored(spec, planes, root=root, samples=again[spec].samples)

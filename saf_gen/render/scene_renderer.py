@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from saf_gen.render import backend, depth_and_target, estimators, irradiance, mi
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.estimators import MomentShading
 from saf_gen.render.render_setup import RenderSetup
+from saf_gen.render.scene_sums import sum_up
 from saf_gen.render.shading_cells import ShadingField
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
@@ -93,6 +95,12 @@ class SceneRenderer:
         self.emitting = mitsuba_scene.emitter_names(self._described)
         self._scenes: dict[tuple[tuple[str, ...], float | None], tuple[Any, Any]] = {}
         self._shadings: dict[tuple[tuple[float, ...], int, int], ShadingField] = {}
+
+    @cached_property
+    def sums(self) -> tuple[float, ...]:
+        """Sums of what the scene's files or script describe; see :mod:`saf_gen.render.scene_sums`."""
+        motions = {name: self.motions[name].model_dump() for name in sorted(self.motions)}  # in any order the same
+        return sum_up({"build": self._described, "motion": motions}, folder=self.scene.folder)
 
     @property
     def is_slow(self) -> bool:

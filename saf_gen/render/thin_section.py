@@ -34,8 +34,10 @@ from saf_gen.optics.partial_coherence import SectionImages
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.mitsuba_scene import call_scene_script
 from saf_gen.render.scene_renderer import SceneRenderer
+from saf_gen.render.scene_sums import sum_up
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.stack.focal_stack import WAVES, FocalStack, PixelGrid, StackSpec, StackStore
+from saf_gen.stack.same_scene import require_same_scene
 
 ARRAYS = {"transmission": (0.0, 1.0), "path_nm": (-1e5, 1e5)}
 NUMBERS = {"texel_um": (1e-3, 1e4), "height_um": (-1e6, 1e6)}
@@ -150,6 +152,11 @@ class SectionRenderer(SceneRenderer):
             coherence=max(condenser.coherence for condenser in self.card.condensers.values()),
             threads=self._threads or usable_cores(),
         )
+
+    @cached_property
+    def sums(self) -> tuple[float, ...]:
+        """Sums of what the scene's script drew; see :mod:`saf_gen.render.scene_sums`."""
+        return sum_up(vars(self.section), folder=self.scene.folder)
 
     def contents(self) -> str:
         """Return what the scene consists of, in words."""
@@ -268,24 +275,27 @@ def draw_missing(
     specs: Sequence[StackSpec],
     *,
     root: Path,
+    others: Sequence[StackSpec] = (),
     threads: int | None = None,
     progress: Callable[[str, float], None] = lambda name, done: None,
 ) -> list[str]:
     """Draw the missing pieces of a thin section's stacks; see :func:`saf_gen.render.render_missing`."""
-    made = []
+    made: list[str] = []
     for spec in specs:
         store = StackStore(root, spec)
         missing = store.missing_pieces()
         if not missing:
             continue
         renderer = SectionRenderer(scene, spec, drive=spec.drive, threads=threads)
+        require_same_scene(root, [*specs, *others], sums=renderer.sums)
         seen = renderer.trace_geometry()
         renderer.require_own_light(seen)
+        how: dict[str, Any] = {"backend": renderer.backend_name, "sums": renderer.sums}
         if "geometry" in missing:
-            store.write_geometry(seen.depth, seen.target, backend=renderer.backend_name)
+            store.write_geometry(seen.depth, seen.target, **how)
         groups = {name: scene.card.lights[name] for name in missing if name != "geometry"}
         drawn = renderer.draw(groups, spec.focus, progress=lambda done: progress("light", done))
         for name, radiance in zip(groups, drawn, strict=True):
-            store.write_group(name, radiance, backend=renderer.backend_name)
+            store.write_group(name, radiance, **how)
         made += missing
     return made

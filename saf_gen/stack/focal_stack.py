@@ -10,7 +10,7 @@ less than their noise, and halves the disk space; compression leaves a half to t
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -384,19 +384,31 @@ class StackStore:
         """Return the backends that rendered the stored pieces."""
         return {str(note["variant"]) for note in map(self._note, self.pieces) if "variant" in note}
 
-    def write_group(self, group: str, radiance: np.ndarray, *, backend: str, clipped: int = 0) -> None:
-        """Store the radiance of a light group, (focus, row, col), and the number of paths clipped as fireflies."""
+    def scene_sums(self) -> list[tuple[float, ...]]:
+        """Return the sums in the notes of the pieces, by which :mod:`saf_gen.stack.same_scene` compares scenes."""
+        notes = [note["sums"] for note in map(self._note, self.pieces) if "sums" in note]
+        return [tuple(map(float, sums)) for sums in notes if isinstance(sums, list)]
+
+    def write_group(
+        self, group: str, radiance: np.ndarray, *, backend: str, clipped: int = 0, sums: Sequence[float] = ()
+    ) -> None:
+        """Store the radiance of a light group, (focus, row, col).
+
+        The note holds the number of paths clipped as fireflies, and the sums of what the scene's script returned.
+        """
         facts = {"unit": UNIT, "light_group": group, "clipped_paths": str(clipped), "variant": backend}
         if self.spec.window:
             radiance, exponent = _to_half_floats(radiance)
             facts |= {"unit": f"2^{exponent} {UNIT}", "exponent": str(exponent)}
         planes = {f"focus.{self.spec.first_index + k:04d}": plane for k, plane in enumerate(radiance)}
-        self._put(group, planes, facts=facts)
+        self._put(group, planes, facts=facts, sums=sums)
 
-    def write_geometry(self, depth: np.ndarray, target: np.ndarray, *, backend: str) -> None:
-        """Store the depth (m) and the target mask, both (row, col)."""
+    def write_geometry(
+        self, depth: np.ndarray, target: np.ndarray, *, backend: str, sums: Sequence[float] = ()
+    ) -> None:
+        """Store the depth (m) and the target mask, both (row, col), and in the note the sums of the script's result."""
         planes = {"depth": depth, "target": target.astype(np.float32)}
-        self._put("geometry", planes, facts={"unit": "m", "variant": backend})
+        self._put("geometry", planes, facts={"unit": "m", "variant": backend}, sums=sums)
 
     def load(self) -> FocalStack:
         """Return the complete stack. Raises BadInput if a piece is missing or damaged."""
@@ -445,7 +457,7 @@ class StackStore:
         status = path.stat()
         return _sha256(path, size=status.st_size, changed_ns=status.st_mtime_ns) == note.get("sha256")
 
-    def _put(self, name: str, planes: dict[str, np.ndarray], *, facts: dict[str, str]) -> None:
+    def _put(self, name: str, planes: dict[str, np.ndarray], *, facts: dict[str, str], sums: Sequence[float]) -> None:
         with atomic_file(self.folder / f"{name}.exr") as part:
             drive = json.dumps(self.spec.drive.as_dict())
             attributes = {"format": FORMAT, "stack": self.spec.key, "drive": drive, **facts}
@@ -455,7 +467,9 @@ class StackStore:
             else:
                 exr.write_planes(part, planes, attributes=attributes)
             sha256 = hashlib.sha256(part.read_bytes()).hexdigest()
-        note = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
+        note: dict[str, object] = {"format": FORMAT, **facts, "sha256": sha256, "spec": self.spec.as_dict()}
+        if sums:
+            note["sums"] = list(sums)
         with atomic_file(self.folder / f"{name}.json") as part:
             part.write_text(json.dumps(note, indent=1))
 

@@ -33,7 +33,7 @@ def test_a_skeleton_passes_all_checks_but_for_a_licence_that_nobody_has_set(here
     found = list(check_scene(find_scene("mine"), sensor, backend=VARIANT))
     assert [(f.check, f.level) for f in found if f.level != "ok"] == [("licence", "error")]
     assert {f.check for f in found} == set(
-        ("licence", "source", "geometry", "units", "reach", "exposure", "detail", "curve", "grain", "family")
+        ("licence", "source", "geometry", "repeat", "units", "reach", "exposure", "detail", "curve", "grain", "family")
     )
 
 

@@ -16,6 +16,7 @@ from saf_gen.authoring.checks.geometry import (
 )
 from saf_gen.authoring.checks.grain import check_grain
 from saf_gen.authoring.checks.pictures import check_curve, check_detail, check_exposure, check_slices
+from saf_gen.authoring.checks.repeat import check_repeat
 from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.camera import Sensor
 from saf_gen.core.finding import Finding
@@ -31,12 +32,14 @@ __all__ = [
     "check_grain",
     "check_motion",
     "check_reach",
+    "check_repeat",
     "check_scene",
     "check_slices",
     "check_units",
 ]
 
 CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...] = (
+    check_repeat,
     check_units,
     check_reach,
     check_exposure,
@@ -50,6 +53,7 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...
 
 
 CHECKS_OF_SECTIONS: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...] = (
+    check_repeat,
     check_units,
     check_reach,
     check_exposure,
