@@ -28,6 +28,7 @@ from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import get_actuator
 from saf_gen.parts import Answer
 from saf_gen.plugins.measures import get_measure
+from saf_gen.stack.light import SceneLight
 
 PROTOCOL = ClosedLoopProtocol(get_actuator("voice_coil_hall"), budget_s=0.04, sweep_s=0.02)
 PLANE = "plane-constant-00"
@@ -411,25 +412,19 @@ def test_an_interrupt_of_a_policy_ends_the_evaluation_and_an_exit_or_a_wrapper_f
     assert record.note == "a wrapper of the environment ended the episode"
 
 
-class Torn:
-    """A source of charge whose disk fails after the first readouts."""
+class Torn(SceneLight):
+    """Light whose disk fails after the first readouts."""
 
-    def __init__(self, source):
-        self.source = source
-
-    def __getattr__(self, name):
-        return getattr(self.source, name)
-
-    def encoder_inputs(self, run, **options):
-        if run.begin >= STILL:
+    def weighted(self, span, lens):
+        if span.begin >= STILL:
             raise BadInput("is cut short", where="a.exr")
-        return self.source.encoder_inputs(run, **options)
+        return super().weighted(span, lens)
 
 
 def test_stacks_that_cannot_be_read_are_no_fault_of_a_policy(dataset):
     env = make_env(dataset, sequences=[PLANE])
     sequence = load(env)
-    torn = replace(sequence, charge_source=Torn(sequence.charge_source))
+    torn = replace(sequence, light=Torn(sequence.light.source, sequence.light.gain))
     env.load_sequence = lambda task: torn
     with pytest.raises(BadInput, match=r"a\.exr: is cut short"):
         evaluate_policy(env, visit(0.5), method="m", code="1")
