@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-USER = 54_321
-"""A user without processes; the limit counts those of a user, and does not hold for root."""
+USER = 100_000 + os.getpid()
+"""A user without processes, another one for each process of tests; the limit counts those of a user."""
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "geteuid") or os.geteuid() != 0 or shutil.which("setpriv") is None,
     reason="only root may run commands as a user without processes, by setpriv",
