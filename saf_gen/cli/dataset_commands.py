@@ -19,7 +19,7 @@ from saf_gen.errors import BadInput, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.generate.plan import Plan
-    from saf_gen.generate.shards import Share
+    from saf_gen.generate.shards import Shard
 
 MOST_NAMED = 24
 """Number of stacks that a dry run names; its table has all sequences."""
@@ -113,11 +113,11 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
     )
     if result.freed_bytes:
         out.print(f"{result.freed_bytes / 1e6:,.0f} MB of time slices deleted (--keep-slices {plan.keep_slices})")
-    if plan.share is None:
+    if plan.shard is None:
         out.print(f"dataset: {target}   (next: {result.manifest.next_command(target)})", soft_wrap=True)
     else:
-        _print_share(plan.share)
-        shards = plan.share.part[1]
+        _print_shard(plan.shard)
+        shards = plan.shard.part[1]
         all_ended = "the shard has ended" if shards == 1 else f"all {shards} shards have ended"
         out.print(f"next, once {all_ended}: {closing}", soft_wrap=True)
     _record_again(plan)
@@ -135,7 +135,7 @@ def _record_again(plan: "Plan") -> None:
     from saf_gen.stream.manifest import read_manifest
 
     for camera in plan.resolved.others:
-        if plan.share is not None:
+        if plan.shard is not None:
             out.print(
                 f"not recorded with {camera.name}, because this is a shard: saf-gen recapture does it", soft_wrap=True
             )
@@ -174,14 +174,14 @@ def _parse_shard(text: str) -> tuple[int, int]:
     return int(index), int(count)
 
 
-def _print_share(share: "Share") -> None:
-    index, count = share.part
-    if not share.specs:
+def _print_shard(shard: "Shard") -> None:
+    index, count = shard.part
+    if not shard.specs:
         out.print(f"shard {index}/{count} has nothing to make: there is less to share out than there are shards")
         return
     out.print(
-        f"shard {index}/{count}: {len(share.specs):,} of {share.all_specs:,} stacks and time slices, "
-        f"about {_time(share.seconds)} of {_time(share.all_seconds)} ({share.seconds / share.all_seconds:.1%})"
+        f"shard {index}/{count}: {len(shard.specs):,} of {shard.all_specs:,} stacks and time slices, "
+        f"about {_time(shard.seconds)} of {_time(shard.all_seconds)} ({shard.seconds / shard.all_seconds:.1%})"
     )
 
 
@@ -192,7 +192,7 @@ def _gigabytes(size: float) -> str:
 def _print_plan(plan: "Plan", *, workers: int, machines: int, variant: str, cluster: str | None) -> None:
     from saf_gen.generate.plan import KEEP_SLICES
 
-    makes = plan.resolved.sequences if plan.share is None else plan.sequences
+    makes = plan.resolved.sequences if plan.shard is None else plan.sequences
     recipe, planned = plan.resolved.recipe, [sequence.planned for sequence in makes]
     frames = recipe.camera.frames
     columns = [
@@ -204,8 +204,8 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int, variant: str, clus
     ]
     title = f"{recipe.name}: {plural(len(planned), 'sequence')} in {plan.target}"
     print_table(Table(columns, planned, title), where_to_find="a wider terminal or a pipe shows them")
-    if plan.share is not None:
-        _print_share(plan.share)
+    if plan.shard is not None:
+        _print_shard(plan.shard)
         if plan.by_cut_stack:
             cut = sum(map(len, plan.by_cut_stack.values()))
             by = "the shard that sees all time slices, or the closing run"

@@ -16,7 +16,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.generate.cost import PIXEL_FRAMES_PER_S, grain_seconds, render_seconds, start_seconds
 from saf_gen.generate.record import has_recording
 from saf_gen.generate.resolve import ResolvedRecipe, ResolvedSequence
-from saf_gen.generate.shards import Share, share_out
+from saf_gen.generate.shards import Shard, partition
 from saf_gen.stack.focal_stack import PICTURES, StackSpec
 from saf_gen.stack.time_resolved import TimeResolvedStack
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, read_manifest
@@ -38,7 +38,7 @@ class MachineRates:
     Attributes
     ----------
     cores : float
-        Cores that rendering uses, and that parallel recordings share.
+        Cores that rendering uses, and that parallel recordings shard.
     pixel_frames_per_s : float
         Pixels times frames that one worker encodes, stores and verifies per second.
     pixel_frames_per_core_s : float
@@ -156,8 +156,8 @@ class Plan:
     to_render : dict of TimeResolvedStack to tuple of StackSpec
         Stacks to render, those of recordings first, with the parts that are missing; no part is missing where only the
         grain must be measured. Of a shard, cut stacks come before all others, with the parts that are its own.
-    share : Share, optional
-        The shard's share; None for a run that makes everything.
+    shard : Shard, optional
+        The shard; None for a run that makes everything.
     by_cut_stack : mapping of TimeResolvedStack to list of ResolvedSequence
         Stacks of recordings of which the shard renders some slices, with the sequences to record from them if they are
         complete when it has done its own work.
@@ -172,13 +172,13 @@ class Plan:
     sequences: tuple[ResolvedSequence, ...]
     by_stack: dict[TimeResolvedStack, list[ResolvedSequence]]
     to_render: dict[TimeResolvedStack, tuple[StackSpec, ...]]
-    share: Share | None = None
+    shard: Shard | None = None
     by_cut_stack: Mapping[TimeResolvedStack, list[ResolvedSequence]] = field(default_factory=dict)
 
     @cached_property
     def users(self) -> dict[TimeResolvedStack, ResolvedSequence]:
         """The first sequence that needs each stack, for its recording or for the closed loop."""
-        makes = self.sequences if self.share is None else self.resolved.sequences
+        makes = self.sequences if self.shard is None else self.resolved.sequences
         pairs = [(stack, s) for s in makes for stack in s.stacks]
         return dict(reversed(pairs))
 
@@ -188,9 +188,9 @@ class Plan:
         return [self.users[stack].stack_label(stack) + self._describe_cut(stack) for stack in self.to_render]
 
     def _describe_cut(self, stack: TimeResolvedStack) -> str:
-        if self.share is None or stack not in self.share.cut:
+        if self.shard is None or stack not in self.shard.cut:
             return ""
-        mine = sum(spec in self.share.specs for spec in stack.specs)
+        mine = sum(spec in self.shard.specs for spec in stack.specs)
         if mine == len(stack.specs):
             return ""
         return f", {mine} of {len(stack.specs)} slices"
@@ -228,7 +228,7 @@ class Plan:
 
         There are none in a shard.
         """
-        if self.keep_slices == "all" or self.share is not None:  # another shard may need them
+        if self.keep_slices == "all" or self.shard is not None:  # another shard may need them
             return {}
         users: defaultdict[StackSpec, set[str]] = defaultdict(set)
         for sequence in self.resolved.all_sequences:
@@ -278,23 +278,23 @@ def make_plan(resolved: ResolvedRecipe, target: Path, *, keep_slices: str = "all
     if keep_slices not in KEEP_SLICES:
         raise unknown("choice of time slices to keep:", keep_slices, allowed=KEEP_SLICES)
     check_on_disk(target)
-    manifest, share = check_same_dataset(resolved, target), None
+    manifest, shard = check_same_dataset(resolved, target), None
     folder, sequences = target.resolve(), resolved.sequences
     made = frozenset(s.planned.id for s in sequences if (folder / s.planned.file).exists())
     if resolved.part[1] > 1:
-        share = share_out(resolved, resolved.part[1])[resolved.part[0] - 1]
-        sequences = tuple(s for s in sequences if s.time_stack in share.whole)
+        shard = partition(resolved, resolved.part[1])[resolved.part[0] - 1]
+        sequences = tuple(s for s in sequences if s.time_stack in shard.whole)
     by_stack = _group_by_stack(sequences)
-    cut = _group_by_stack(s for s in resolved.sequences if share and s.time_stack in share.cut)
-    makes = sequences if share is None else resolved.sequences
+    cut = _group_by_stack(s for s in resolved.sequences if shard and s.time_stack in shard.cut)
+    makes = sequences if shard is None else resolved.sequences
     more = [s.closed_loop_slices for s in makes if keep_slices != "none"] + [s.sharp_stack for s in makes]
     unrecorded = dict.fromkeys(stack for stack in more if stack)
-    to_render = _stacks_to_render(cut | by_stack, unrecorded, folder=folder, share=share)
+    to_render = _stacks_to_render(cut | by_stack, unrecorded, folder=folder, shard=shard)
     for stack, users in by_stack.items():
         unmade = any(s.planned.id not in made for s in users)
         if stack not in to_render and unmade and not stack.has_grain(folder / "stacks"):  # as after a stopped run
             to_render[stack] = ()
-    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render, share, cut)
+    return Plan(resolved, target, folder, keep_slices, manifest, made, sequences, by_stack, to_render, shard, cut)
 
 
 def _group_by_stack(sequences: Iterable[ResolvedSequence]) -> dict[TimeResolvedStack, list[ResolvedSequence]]:
@@ -309,16 +309,16 @@ def _stacks_to_render(
     unrecorded: Iterable[TimeResolvedStack],
     *,
     folder: Path,
-    share: Share | None,
+    shard: Shard | None,
 ) -> dict[TimeResolvedStack, tuple[StackSpec, ...]]:
     """Return the stacks that are incomplete in a folder, with their missing parts.
 
     ``unrecorded`` holds those from which nothing is recorded: all-in-focus pictures, and what the closed loop needs,
-    unless no slices are kept for it. Parts that are not in the share of a shard are not missing.
+    unless no slices are kept for it. Parts that are not in the shard of a shard are not missing.
     """
 
     def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:
-        mine = stack if share is None else replace(stack, specs=tuple(s for s in stack.specs if s in share.specs))
+        mine = stack if shard is None else replace(stack, specs=tuple(s for s in stack.specs if s in shard.specs))
         return tuple(mine.find_missing(folder / "stacks"))
 
     found = {

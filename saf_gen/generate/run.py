@@ -32,7 +32,7 @@ from saf_gen.core.files import (
 )
 from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.errors import BadInput, SafGenError, unknown
-from saf_gen.generate.jobs import ChooseBackendJob, DeleteJob, JobOrder, RecordJob, RenderJob
+from saf_gen.generate.pieces import Deletion, Pictures, Recording, Renderer, Schedule, Site, Work, pieces_of
 from saf_gen.generate.plan import Plan, check_same_dataset, make_plan
 from saf_gen.generate.recipe import Recipe, RenderSettings
 from saf_gen.generate.record import Recorder, has_generated_fingerprint
@@ -185,7 +185,8 @@ def run_plan(
 
     @cache
     def choose_backend() -> tuple[str, bool]:
-        name, renders_waves = _choose_renderer(variant, cluster=machines, notify=tell)
+        site = Site(plan.folder, _recorder(plan.resolved), backend=variant)
+        name, renders_waves = _choose_renderer(Work(Renderer(variant), site), cluster=machines, notify=tell)
         by_waves = all(spec.estimator == WAVES for stack in plan.users for spec in stack.specs)
         return name, renders_waves or by_waves
 
@@ -199,41 +200,37 @@ def run_plan(
     resolved, folder = plan.resolved, plan.folder
     _check_folder(plan)
     remove_leftovers(folder, recursive=True)
-    if plan.share is not None:
+    if plan.shard is not None:
         _claim_folder(resolved, folder)
-    recorder = Recorder(
-        sensor=resolved.sensor,
-        frames=resolved.recipe.camera.frames,
-        device_seed=seeds.derive_seed(resolved.recipe.seed, "device"),
-        provenance=_provenance(resolved),
-    )
-    order = JobOrder(plan, recorder, workers=workers, choose_backend=lambda: _check_waves(resolved, choose_backend()))
+    site = Site(folder, _recorder(resolved), side_by_side=workers)
+    schedule = Schedule(pieces_of(plan), site, choose_backend=lambda: _check_waves(resolved, choose_backend()))
     rendered: list[str] = []
     recordings: dict[str, bool] = {}  # by id, whether an earlier run had made it
     failed: dict[str, SafGenError] = {}
     freed = 0
     ended = run_jobs(
-        order.first_jobs(), workers=workers, report=report, follow_up=order.jobs_after, cluster=machines, notify=tell
+        schedule.first(), workers=workers, report=report, follow_up=schedule.after, cluster=machines, notify=tell
     )
     try:
         with closing(ended):
-            for job, result, error in ended:
+            for work, result, error in ended:
+                piece = work.piece
                 if isinstance(error, DiskFull):
                     raise error  # as every other job would
                 if error is not None:
-                    failed[job.name] = error
-                elif isinstance(job, RenderJob):
-                    rendered += [f"{job.label} · {piece}" for piece in result]
-                elif isinstance(job, DeleteJob):
+                    failed[piece.name] = error
+                elif isinstance(piece, Pictures):
+                    rendered += [f"{piece.label} · {part}" for part in result]
+                elif isinstance(piece, Deletion):
                     freed += result
-                elif isinstance(job, RecordJob) and not result.lacks_slices:
-                    recordings[job.sequence.id] = result.kept
+                elif isinstance(piece, Recording) and not result.lacks_slices:
+                    recordings[piece.sequence.planned.id] = result.kept
     except (KeyboardInterrupt, DiskFull):
         remove_leftovers(folder, recursive=True)  # of workers that were stopped
         _list_finished(plan)
         raise
     except SchedulerLost as lost:
-        if plan.share is not None:
+        if plan.shard is not None:
             raise SafGenError(f"{lost}; start a scheduler and run the same command again to continue") from lost
         listed = len(_list_finished(plan).sequences)
         raise SafGenError(
@@ -246,12 +243,14 @@ def run_plan(
     return GenerationResult(folder, manifest, rendered, recorded, kept, failed, leave_out, freed)
 
 
-def _choose_renderer(requested: str, *, cluster: Cluster | None, notify: Callable[[str], None]) -> tuple[str, bool]:
+def _choose_renderer(choice: Work, *, cluster: Cluster | None, notify: Callable[[str], None]) -> tuple[str, bool]:
     """Return the backend to render with, here or on a worker of the cluster, and whether it renders diffraction."""
-    job = ChooseBackendJob(requested)
     if cluster is None:
-        return job.run(lambda name, done: None)
-    (_, result, error), *_ = run_jobs([job], workers=1, report=lambda name, done: None, cluster=cluster, notify=notify)
+        name, renders_waves = choice.run(lambda name, done: None)
+        return name, renders_waves
+    (_, result, error), *_ = run_jobs(
+        [choice], workers=1, report=lambda name, done: None, cluster=cluster, notify=notify
+    )
     if error is not None:
         raise error
     return result
@@ -271,6 +270,12 @@ def _no_waves_error(backend_name: str, which: str) -> BadInput:
         allowed="llvm, cuda",
         hint="or leave waves out with render: {diffraction: false}",
     )
+
+
+def _recorder(resolved: ResolvedRecipe) -> Recorder:
+    """Return what records the sequences of a recipe."""
+    device_seed = seeds.derive_seed(resolved.recipe.seed, "device")
+    return Recorder(resolved.sensor, resolved.recipe.camera.frames, device_seed, _provenance(resolved))
 
 
 def _provenance(resolved: ResolvedRecipe) -> dict[str, str]:
@@ -333,7 +338,7 @@ def _list_finished(plan: Plan) -> Manifest:
     the stacks name the renderer.
     """
     resolved, folder = plan.resolved, plan.folder
-    if plan.share is not None:
+    if plan.shard is not None:
         return read_manifest(folder)
     stacks = folder / "stacks"
     digests: dict[TimeResolvedStack, str | None] = {}

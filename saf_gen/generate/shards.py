@@ -23,7 +23,7 @@ UNEVEN = 1.1
 
 
 @dataclass(frozen=True)
-class Share:
+class Shard:
     """What one shard makes.
 
     Attributes
@@ -107,7 +107,7 @@ _Run = tuple[_Family, int, int]
 """Specs first <= k < stop of a family."""
 
 
-def share_out(resolved: ResolvedRecipe, count: int) -> list[Share]:
+def partition(resolved: ResolvedRecipe, count: int) -> list[Shard]:
     """Return the shares of ``count`` shards, which together make the sequences of a recipe or of one of its splits.
 
     Nothing is made twice, and nothing is left out. What nothing is recorded from, all-in-focus pictures and the slices
@@ -124,16 +124,16 @@ def share_out(resolved: ResolvedRecipe, count: int) -> list[Share]:
     all_seconds = fsum(family.seconds for family in (*recorded, *for_loop))
     all_specs = sum(len(family.specs) for family in (*recorded, *for_loop))
     return [
-        _to_share((n + 1, count), mine, seconds=loads[n], all_seconds=all_seconds, all_specs=all_specs)
+        _to_shard((n + 1, count), mine, seconds=loads[n], all_seconds=all_seconds, all_specs=all_specs)
         for n, mine in enumerate(runs)
     ]
 
 
-def _to_share(part: tuple[int, int], runs: list[_Run], *, seconds: float, all_seconds: float, all_specs: int) -> Share:
+def _to_shard(part: tuple[int, int], runs: list[_Run], *, seconds: float, all_seconds: float, all_specs: int) -> Shard:
     specs = frozenset(spec for family, first, stop in runs for spec in family.specs[first:stop])
     whole = [family for family, first, stop in runs if stop - first == len(family.specs)]
     cut = dict.fromkeys(family for family, first, stop in runs if stop - first < len(family.specs))
-    return Share(part, specs, _stacks_of(whole), _stacks_of(cut), seconds, all_seconds, all_specs)
+    return Shard(part, specs, _stacks_of(whole), _stacks_of(cut), seconds, all_seconds, all_specs)
 
 
 def _stacks_of(families: Iterable[_Family]) -> tuple[TimeResolvedStack, ...]:

@@ -18,7 +18,7 @@ from refusals import assert_says, refusal
 from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.generate.shards import share_out
+from saf_gen.generate.shards import partition
 from saf_gen.stack.focal_stack import StackStore
 from saf_gen.stack.second_render import stacks_to_repeat
 from saf_gen.stream.dataset import verify_dataset
@@ -48,7 +48,7 @@ def shipped():
 @pytest.mark.parametrize("name", RECIPES)
 def test_every_piece_of_a_shipped_recipe_is_in_one_shard_and_none_is_much_too_large(shipped, name, count):
     work = shipped[name]
-    shares = share_out(work, count)
+    shares = partition(work, count)
     stacks = {stack for s in work.sequences for stack in (s.time_stack, s.closed_loop_slices) if stack}
     assert sum(len(share.specs) for share in shares) == len({spec for stack in stacks for spec in stack.specs})
     assert frozenset().union(*(share.specs for share in shares)) == {spec for stack in stacks for spec in stack.specs}
@@ -70,7 +70,7 @@ def dearest_piece(work):
     for sequence in work.sequences:
         if sequence.time_stack in stills:
             stills[sequence.time_stack].append(sequence)
-    return max((share_out(replace(work, sequences=tuple(s)), 1)[0].seconds for s in stills.values()), default=0.0)
+    return max((partition(replace(work, sequences=tuple(s)), 1)[0].seconds for s in stills.values()), default=0.0)
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def describe_shares(name, work):
     """A row of the table: the largest shard for each number of shards, the largest piece, and what cuts add."""
     cells, dearest = [f"`{name}`"], dearest_piece(work)
     for count in COUNTS:
-        shares = share_out(work, count)
+        shares = partition(work, count)
         total, largest = shares[0].all_seconds, max(share.seconds for share in shares)
         cells.append("piece" if largest <= dearest * 1.0001 else f"{largest / total * count:.2f}")
     cells.append(f"{dearest / total:.0%}".replace("%", " %") if dearest else "a slice")
@@ -130,8 +130,8 @@ def test_stacks_shared_by_lights_and_ways_of_the_lens_are_dealt_out_once(tmp_pat
         spec for s in work.sequences for st in (s.time_stack, s.closed_loop_slices) if st for spec in st.specs
     }
     for count in (1, 2, 3, 7, 40, 1000):
-        shares = share_out(work, count)
-        assert shares == share_out(resolve_recipe(path, part=(count, count)), count)
+        shares = partition(work, count)
+        assert shares == partition(resolve_recipe(path, part=(count, count)), count)
         assert sorted(spec.key for share in shares for spec in share.specs) == sorted(spec.key for spec in everything)
         for share in shares:
             assert all(set(stack.specs) <= share.specs for stack in share.whole)
@@ -143,7 +143,7 @@ def test_stacks_shared_by_lights_and_ways_of_the_lens_are_dealt_out_once(tmp_pat
 def test_shares_of_a_split_make_that_split(shipped):
     whole = shipped["sad_synthetic"]
     of_test = replace(whole, sequences=tuple(s for s in whole.sequences if s.planned.split == "test"))
-    shares = share_out(of_test, 8)
+    shares = partition(of_test, 8)
     recorded = {stack for share in shares for stack in (*share.whole, *share.cut)}
     assert {s.time_stack for s in of_test.sequences} <= recorded
     assert not {s.time_stack for s in whole.sequences if s.planned.split != "test"} & recorded
@@ -193,7 +193,7 @@ def everything_in(folder):
 
 
 def share_of(work, n, count):
-    return share_out(work, count)[n - 1]
+    return partition(work, count)[n - 1]
 
 
 def keep_only(folder, work, specs):
@@ -210,7 +210,7 @@ def keep_only(folder, work, specs):
 @pytest.fixture
 def cut(made, moving):
     """The number of one of eight shards that has some slices of a stack that is recorded from, not all with grain."""
-    shares = share_out(moving, 8)
+    shares = partition(moving, 8)
     stack = next(s.time_stack for s in moving.sequences if s.time_stack.is_moving)
     some = [n for n, share in enumerate(shares, start=1) if len(share.specs & set(stack.specs)) > 1]
     return next(n for n in some if grain_of(made, moving) - shares[n - 1].specs)

@@ -17,7 +17,7 @@ from saf_gen.generate.recipe import read_recipe
 from saf_gen.generate.record import Recorder
 from saf_gen.generate.resolve import recipe_digest, recipe_fingerprint, resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.generate.shards import share_out
+from saf_gen.generate.shards import partition
 from saf_gen.stack.all_in_focus import F_NUMBER, open_all_in_focus, sharp_stack
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import StackStore
@@ -159,7 +159,7 @@ def test_the_plan_renders_counts_and_names_it(asked, plain, tmp_path):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 40, 1000])
 def test_shards_render_each_of_its_pieces_once(asked, count):
-    shares = share_out(asked, count)
+    shares = partition(asked, count)
     everything = stacks_of(asked.sequences)
     assert sorted(spec.key for share in shares for spec in share.specs) == sorted(spec.key for spec in everything)
     if count < 8:
