@@ -438,13 +438,14 @@ def pieces_of(plan: Plan) -> list[Piece]:
         )
 
     pictures = {stack: pictures_of(stack) for stack in [*plan.to_render, *plan.by_stack, *plan.by_cut_stack]}
+    pieces: list[Piece] = [*pictures.values()]
     recordings = [Recording(s, pictures[stack]) for stack, users in plan.by_stack.items() for s in users]
-    pieces: list[Piece] = [*pictures.values(), *recordings]
     for stack, users in plan.by_cut_stack.items():
         rendered, specs = tuple(pictures.values()), frozenset[StackSpec]() if plan.shard is None else plan.shard.specs
-        grain = Grain(pictures[stack], rendered, specs)
+        pieces.append(grain := Grain(pictures[stack], rendered, specs))
         first = plan.resolved.part[0] % max(len(users), 1)
-        pieces += [grain, *(Recording(s, pictures[stack], grain) for s in (*users[first:], *users[:first]))]
+        recordings += [Recording(s, pictures[stack], grain) for s in (*users[first:], *users[:first])]
+    pieces += recordings
     for ids, specs_of_group in plan.deletable.items():
         users_of_group = tuple(s for s in plan.resolved.all_sequences if s.planned.id in ids)
         mine = tuple(piece for piece in recordings if piece.sequence.planned.id in ids)
