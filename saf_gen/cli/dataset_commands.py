@@ -223,11 +223,9 @@ def _print_plan(plan: "Plan", *, workers: int, machines: int, variant: str, clus
         names = ", ".join(camera.name for camera in plan.resolved.others)
         out.print(f"then recorded again, which is not in these figures, with: {names}", soft_wrap=True)
     who = "two cores with LLVM" if machines == 1 else f"{machines} machines of two cores with LLVM"
-    here = f"; here: {_describe_here(plan, variant)}" if machines == 1 and cluster is None else ""
-    out.print(
-        f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}{here}",
-        soft_wrap=True,
-    )
+    out.print(f"disk still needed: about {_gigabytes(plan.disk_bytes)}; time: about {_time(left.seconds)} on {who}")
+    if machines == 1 and cluster is None:
+        out.print(f"here: {_describe_here(plan, variant)}", soft_wrap=True)
 
 
 def _describe_here(plan: "Plan", variant: str) -> str:

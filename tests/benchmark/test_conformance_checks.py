@@ -18,8 +18,6 @@ from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import CheckLimits, check_by_name, check_measure, check_method, check_search
 from saf_gen.benchmark.conformance._samples import BEST_FOCUS, TARGET_RATE, SyntheticRecording, bell, write_recordings
 from saf_gen.benchmark.method_spec import Method, TunedMethod, TuningTrial, format_tuned, parse_method, resolve_name
-from saf_gen.benchmark.view.recording import RecordingView
-from saf_gen.benchmark.view.running_camera import SweepView
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 from saf_gen.stream.stream_file import open_stream
@@ -345,7 +343,7 @@ def test_a_broken_method_is_caught(name, words, plug_in):
 def test_a_method_that_misses_the_focus_of_a_sweep_is_warned_of():
     def tenth(search, view):
         answer = best_block(search, view)
-        return Answer(view.frames // 10) if isinstance(view, RecordingView | SweepView) else answer
+        return answer if isinstance(view, SyntheticRecording) else Answer(view.frames // 10)
 
     found = assert_caught(
         check_method(method_of(search_of(tenth))), "recordings", "warning", "swept 0.100; focus at 0.4"

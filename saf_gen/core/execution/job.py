@@ -57,6 +57,8 @@ def describe_job_error(error: BaseException) -> SafGenError:
         return error
     if isinstance(error, MemoryError):
         message = "out of memory; run with fewer --workers"
+    elif isinstance(error, KeyboardInterrupt):  # linear algebra interrupts its own process where it has no threads
+        message = "KeyboardInterrupt, as where the system cannot start more threads; run with fewer --workers"
     elif cannot_start(error):
         message = "the system cannot start more threads and processes; run with fewer --workers"
     else:
