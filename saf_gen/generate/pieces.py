@@ -150,11 +150,11 @@ class Pictures(Piece):
         try:
             if isinstance(self.scene, PictureStack):
                 return self.scene.take_in(self.stack.specs[0], site.stacks)
-            return self._render(self.scene, site, report)
+            return self._render(self.scene, site, report=report)
         except OSError as error:
             raise unwritable(site.stacks, error) from error
 
-    def _render(self, scene: Scene, site: Site, report: ReportProgress) -> list[str]:
+    def _render(self, scene: Scene, site: Site, *, report: ReportProgress) -> list[str]:
         from saf_gen.render import render_missing  # so that only a process that renders loads Mitsuba
         from saf_gen.render.grain import measure_by_repeat
 
