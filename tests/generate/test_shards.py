@@ -462,17 +462,17 @@ def count_rendered(process):
 def test_processes_started_one_after_the_other_render_each_piece_once_though_one_is_killed(
     recipe, made, moving, tmp_path, count
 ):
-    """They start 3 s apart; the second is killed amid its slices, and run again."""
+    """They start 3 s apart; the second is killed amid its slices, before the third starts, and run again."""
     folder, begun = tmp_path / "takes", []
+    mine = share_of(moving, 2, count)
     for n in range(1, count + 1):
         begun.append(start(recipe, folder, "--shard", f"{n}/{count}"))
-        time.sleep(3)
-    mine = share_of(moving, 2, count)
-    deadline = time.monotonic() + 300
-    while count_pieces(folder, mine) == 0 and time.monotonic() < deadline:
-        time.sleep(0.005)
-    os.killpg(begun[1].pid, signal.SIGKILL)
-    begun[1].communicate()
+        deadline = time.monotonic() + (300 if n == 2 else 3)
+        while time.monotonic() < deadline and not (n == 2 and count_pieces(folder, mine)):
+            time.sleep(0.005)
+        if n == 2:
+            os.killpg(begun[1].pid, signal.SIGKILL)
+            begun[1].communicate()
     there = count_pieces(folder, mine)
     assert 0 < there < 3 * len(mine.specs), "killed too late"
     rendered = [count_rendered(p) for n, p in enumerate(begun) if n != 1]
