@@ -38,7 +38,7 @@ class MachineRates:
     Attributes
     ----------
     cores : float
-        Cores that rendering uses, and that parallel recordings shard.
+        Cores that rendering uses, and that parallel recordings share.
     pixel_frames_per_s : float
         Pixels times frames that one worker encodes, stores and verifies per second.
     pixel_frames_per_core_s : float
@@ -314,7 +314,7 @@ def _stacks_to_render(
     """Return the stacks that are incomplete in a folder, with their missing parts.
 
     ``unrecorded`` holds those from which nothing is recorded: all-in-focus pictures, and what the closed loop needs,
-    unless no slices are kept for it. Parts that are not in the shard of a shard are not missing.
+    unless no slices are kept for it. Parts that another shard renders are not missing.
     """
 
     def missing(stack: TimeResolvedStack) -> tuple[StackSpec, ...]:

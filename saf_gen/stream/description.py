@@ -145,7 +145,7 @@ def _describe_rates(stream: ReadableStream) -> dict[str, str]:
     low, high = np.quantile(total / frames, [0.01, 0.99])
     silent = int((total == 0).sum())
     return {
-        "mean rate": f"{total.mean() / frames:.4f} spikes per pixel and readout",
+        "mean rate": f"{total.mean() / frames:.4f} {in_words(stream.counted)} per pixel and readout",
         "rate over time": f"{min(rates):.3g} to {max(rates):.3g}, in {len(rates)} parts of the recording",
         "rate of pixels": f"{low:.3g} to {high:.3g} for 98 % of them"
         + (f", {silent} of {total.size} never fire" if silent else ""),

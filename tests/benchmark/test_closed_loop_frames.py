@@ -1,6 +1,7 @@
 """The closed loop of a frame camera: its frames along a commanded path, its clock, and what it refuses."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -16,6 +17,7 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.view.clock import LENS_HZ, clock_of
 from saf_gen.camera import get_sensor
 from saf_gen.optics.actuators import get_actuator
+from saf_gen.stack.light import SceneLight
 from saf_gen.stack.recapture import Recapture
 from saf_gen.stream.frame_file import open_frames
 
@@ -77,6 +79,29 @@ def test_frames_before_a_turn_of_the_lens_are_kept_and_all_others_exposed_anew(c
     shared.encode_until(20, there)  # the later frames of the first path were not kept
     alone.encode_until(20, there)
     np.testing.assert_array_equal(shared.window(8, 20), alone.window(8, 20))
+
+
+def test_frames_go_on_after_a_stack_that_could_not_be_read(captured_dataset, tmp_path):
+    running = sequence(record(captured_dataset, tmp_path, STILL[0]))
+
+    class Torn(SceneLight):
+        reads = 0
+
+        def charge(self, span, positions):
+            Torn.reads += 1
+            if Torn.reads == 7:
+                raise OSError(5, "Input/output error")
+            return super().charge(span, positions)
+
+    light = running.light
+    torn = replace(running, light=Torn(light.source, light.gain, light.lamps)).make_captured()
+    whole = running.make_captured()
+    path = np.linspace(0, 1, 20 * clock_of(running.capture).steps)
+    with pytest.raises(OSError, match="Input/output"):
+        torn.encode_until(20, path)
+    for captured in (torn, whole):
+        captured.encode_until(20, path)
+    np.testing.assert_array_equal(torn.window(9, 12), whole.window(9, 12))
 
 
 def test_the_clock_of_a_frame_camera_follows_the_lens_within_a_frame(captured_dataset, tmp_path):

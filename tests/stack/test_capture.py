@@ -22,6 +22,7 @@ from saf_gen.optics.actuators import get_actuator
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
+from saf_gen.stack.light import SceneLight
 
 pytestmark = pytest.mark.slow
 
@@ -102,6 +103,31 @@ def test_frames_go_on_after_a_stack_that_could_not_be_read(dataset, monkeypatch)
     for frames in (shared, separate):
         frames.encode_until(800, position)
     assert np.array_equal(shared.window(0, 800), separate.window(0, 800))
+
+
+def test_another_path_whose_first_stack_cannot_be_read_begins_anew_the_next_time(dataset):
+    with saf_gen.open_stream(dataset / "test" / "plane-constant-00.h5") as stream:
+        capture = Capture.from_stream(stream, dataset / "stacks")
+
+    class Torn(SceneLight):
+        broken = False
+
+        def weighted(self, span, lens):
+            if Torn.broken:
+                raise OSError(5, "Input/output error")
+            return super().weighted(span, lens)
+
+    light, there, back = capture.open_light(), np.linspace(0, 1, 800), np.linspace(1, 0, 800)
+    torn = CapturedReadouts(capture, Torn(light.source, light.gain), region=WHOLE)
+    alone = CapturedReadouts(capture, light, region=WHOLE)
+    torn.encode_until(400, there)
+    Torn.broken = True
+    with pytest.raises(OSError, match="Input/output"):
+        torn.encode_until(800, back)
+    Torn.broken = False
+    for captured in (torn, alone):
+        captured.encode_until(800, back)
+    assert np.array_equal(torn.window(0, 800), alone.window(0, 800))
 
 
 def test_a_stream_that_somebody_wrote_cannot_be_captured_again(tmp_path):

@@ -72,7 +72,7 @@ class Episode:
         capture = sequence.capture if seed is None else replace(sequence.capture, seed=seed)
         captured = replace(sequence, capture=capture).make_captured(threads=threads)
         self._camera = start_camera(captured, _no_score, protocol=protocol)
-        self._capture, self._truth, self._sensor, self._pixels = capture, capture.truth, capture.sensor, pixels
+        self._capture, self._truth, self._pixels = capture, capture.truth, pixels
         self._hz = capture.sensor.readout_hz
         self._budget = protocol.count_frames(capture)[0]
         self.period = max(-(-round(control_s * self._hz) // PACKET_FRAMES), 1) * PACKET_FRAMES

@@ -99,7 +99,9 @@ class CapturedReadouts:
         if len(moved):
             begin = 0 if self._camera.keeps_state else int(moved[0]) // steps
             self._camera = self._start()
+        if len(moved) or not self._camera.keeps_state:  # also what a run that failed left of later frames
             self.held.forget(begin)
+            self.frames = begin
         if stop <= begin:
             return
         self._position[begin * steps : stop * steps] = position[begin * steps : stop * steps]
