@@ -23,9 +23,10 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from saf_gen.benchmark.guests.wire import MessageReader, SharedMemory, write_message_within
+from saf_gen.benchmark.guests.wire import MessageReader, write_message_within
 from saf_gen.benchmark.records import OVER_A_LIMIT
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScorer
+from saf_gen.core.child import SharedMemory
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
 from saf_gen.parts import View

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 import numpy as np
 
 from saf_gen.benchmark.guests.host import end_marked
-from saf_gen.benchmark.guests.wire import SharedMemory, read_message, write_message
+from saf_gen.benchmark.guests.wire import read_message, write_message
+from saf_gen.core.child import SharedMemory
 
 if TYPE_CHECKING:
     from saf_gen.errors import BadInput

@@ -5,18 +5,12 @@ are too large for a pipe: the evaluator writes one into memory that both process
 """
 
 import json
-import mmap
 import os
 import queue
 import select
-import sys
-import tempfile
 import threading
-from pathlib import Path
 from time import perf_counter
-from typing import Any, BinaryIO, Self
-
-import numpy as np
+from typing import Any, BinaryIO
 
 _to_json = json.JSONEncoder(separators=(",", ":")).encode  # json.dumps would make an encoder for each message
 MAX_MESSAGE_BYTES = 8 << 20
@@ -139,80 +133,3 @@ class MessageReader:
             except OSError:
                 read = b""
             arrived.put(read)
-
-
-class SharedMemory:
-    """Memory that the evaluator writes and a guest reads.
-
-    On Linux it is an anonymous file that cannot be made shorter, since a guest that did so would end the evaluator with
-    a bus error; elsewhere it is a file in the guest's folder.
-
-    Attributes
-    ----------
-    descriptor : int
-        Descriptor that a guest inherits, or -1 if it opens ``path``.
-    path : str
-        Path of the file, or ''.
-    """
-
-    def __init__(self, file: int, *, path: str = "", inherited: bool = False) -> None:
-        self._file, self.path = file, path
-        self.descriptor = file if inherited else -1
-        self._map: mmap.mmap | None = None
-        self._buffer = np.empty(0, np.uint8)
-        self._unheld = sys.getrefcount(self._buffer)
-
-    @classmethod
-    def create(cls, folder: Path) -> Self:
-        """Return memory of no size."""
-        if hasattr(os, "memfd_create"):
-            import fcntl
-
-            made = os.memfd_create("saf-gen window", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-            file = fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, 3)  # a worker without standard streams has lower ones free
-            os.close(made)
-            fcntl.fcntl(file, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK)
-            return cls(file, inherited=True)
-        file, path = tempfile.mkstemp(prefix="window-", dir=folder)
-        return cls(file, path=path)
-
-    @classmethod
-    def attach(cls, descriptor: int, path: str) -> Self:
-        """Return the memory that the evaluator made, in the guest."""
-        return cls(descriptor if descriptor >= 0 else os.open(path, os.O_RDWR))
-
-    def write(self, image: np.ndarray) -> dict[str, Any]:
-        """Write an array, and return the part of a message that tells :meth:`read` where it is."""
-        if image.nbytes:
-            self._mapped(image.nbytes, grow=True)[: image.nbytes] = np.ascontiguousarray(image).data.cast("B")
-        return {"shape": list(image.shape), "dtype": image.dtype.str}
-
-    def read(self, message: dict[str, Any]) -> np.ndarray:
-        """Return a copy of the array of a message, read-only.
-
-        A buffer that nobody holds any more is used again, because new memory costs more than the copy.
-        """
-        shape, dtype = tuple(message["shape"]), np.dtype(message["dtype"])
-        size = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
-        if self._buffer.nbytes != size or sys.getrefcount(self._buffer) > self._unheld:
-            self._buffer = np.empty(size, np.uint8)
-        if size:
-            self._buffer[:] = np.frombuffer(self._mapped(size), np.uint8, size)
-        image = self._buffer.view(dtype).reshape(shape)
-        image.flags.writeable = False
-        return image
-
-    def _mapped(self, size: int, *, grow: bool = False) -> mmap.mmap:
-        if self._map is None or len(self._map) < size:
-            if grow:
-                os.ftruncate(self._file, size)
-            if self._map is not None:
-                self._map.close()
-            self._map = mmap.mmap(self._file, os.fstat(self._file).st_size)
-        return self._map
-
-    def close(self) -> None:
-        """Release the memory."""
-        if self._map is not None:
-            self._map.close()
-        os.close(self._file)
