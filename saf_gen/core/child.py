@@ -267,7 +267,9 @@ class Child:
         return not self.alive
 
     def close(self) -> None:
-        """End the child and everything that it started, and delete its folder."""
+        """End the child and everything that it started, and delete its folder; does nothing the second time."""
+        if self._outgoing.closed:
+            return
         if self._life is not None:
             self._life.close()
         if not (SUPERVISED and self.wait(END_S)):
@@ -427,7 +429,9 @@ class SharedMemory:
         return self._map
 
     def close(self) -> None:
-        """Release the memory."""
+        """Release the memory; does nothing the second time."""
         if self._map is not None:
             self._map.close()
-        os.close(self._file)
+        if self._file >= 0:
+            os.close(self._file)
+        self._map, self._file = None, -1
