@@ -307,6 +307,12 @@ def split_halves(name: str) -> list[str]:
     return pieces
 
 
+def measure_and_search(name: str) -> tuple[str, str]:
+    """Return the measure and the search of a method with their options, or the name and '' for predictions."""
+    measure, *search = split_halves(name)
+    return measure, search[0] if search else ""
+
+
 def split_options(half: str) -> tuple[str, str]:
     """Return the name of a measure or search, and its options as a string."""
     file = _FILE.match(half)

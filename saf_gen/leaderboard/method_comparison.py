@@ -8,12 +8,11 @@ computed like those of success rates, and each holds alone. The test that tells 
 neighbours at once.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.benchmark.records import Record
 from saf_gen.leaderboard.intervals import (
     COARSE,
     CONFIDENCE,
@@ -22,7 +21,7 @@ from saf_gen.leaderboard.intervals import (
     difference_intervals,
     rate_intervals,
 )
-from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes
+from saf_gen.leaderboard.outcomes import Outcomes
 
 ERROR_LIMITS_DOF = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 TIMES = 12
@@ -93,17 +92,13 @@ class MethodComparison:
     neighbours: tuple[NeighbourComparison, ...] = ()
 
 
-def compare_methods(records: Iterable[Record], methods: Sequence[str]) -> MethodComparison:
-    """Return the profiles of ranked methods and the comparisons of neighbours in rank.
-
-    Methods whose success is unknown are left out.
+def compare_methods(outcomes: Outcomes) -> MethodComparison:
+    """Return the profiles of methods and the comparisons of neighbours in rank.
 
     Parameters
     ----------
-    records : iterable of Record
-        Records as merge_records returns them.
-    methods : sequence of str
-        Names of all methods in the order of the leaderboard.
+    outcomes : Outcomes
+        Outcomes of the methods in the order of the leaderboard.
 
     Returns
     -------
@@ -111,17 +106,11 @@ def compare_methods(records: Iterable[Record], methods: Sequence[str]) -> Method
         Empty if the methods have no sequence of known success in common. Profiles of times are only made in the closed
         loop.
     """
-    by_method: dict[str, list[Record]] = {method: [] for method in methods}
-    is_closed_loop = False
-    for record in records:
-        by_method[record.method].append(record)
-        is_closed_loop = is_closed_loop or record.track == "closed_loop"
-    outcomes = collect_outcomes(by_method)
     if not outcomes.scenes:
         return MethodComparison()
     profiles = _profile(outcomes, "error_dof", limits=ERROR_LIMITS_DOF, is_within=outcomes.answers_within)
     known = outcomes.times[np.isfinite(outcomes.times)]
-    if is_closed_loop and known.size:
+    if outcomes.sequences[0].track == "closed_loop" and known.size:
         limits = tuple(float(t) for t in known.max() * np.arange(1, TIMES + 1) / TIMES)
         times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # neither looked nor moved
         profiles += _profile(

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from saf_gen.benchmark.method_spec import split_halves
+from saf_gen.benchmark.method_spec import measure_and_search
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.plain_text import plural
@@ -184,4 +184,4 @@ def grain_warning(records: Iterable[Record]) -> list[str]:
 
 
 def _measure(record: Record) -> str:
-    return split_halves(record.method)[0]
+    return measure_and_search(record.method)[0]

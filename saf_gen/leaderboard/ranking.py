@@ -27,6 +27,7 @@ from saf_gen.leaderboard.intervals import (
 )
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.outcomes import (
+    Outcomes,
     collect_outcomes,
     error_cost,
     group_by,
@@ -149,9 +150,14 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
         If the records cannot be compared: see merge_records.
     """
     by_method = group_by(merge_records({"": list(records)}), "method")
+    return rank(by_method, collect_outcomes(by_method))
+
+
+def rank(by_method: Mapping[str, Sequence[Record]], outcomes: Outcomes) -> tuple[LeaderboardRow, ...]:
+    """Return the leaderboard, best first, of records that merge_records has accepted, and of their outcomes."""
     lights = sorted({r.light for group in by_method.values() for r in group if r.light is not None})
     rows = [_average(method, group, lights=lights) for method, group in by_method.items()]
-    intervals = method_intervals(by_method)
+    intervals = method_intervals(by_method, outcomes)
     best = max((row.answerable_1dof for row in rows if row.answerable_1dof is not None), default=0.0)
     ranked = [_add_intervals(_rank(row, rows), intervals.get(row.method), best=best) for row in rows]
     return tuple(sorted(ranked, key=_sort_key))
@@ -270,17 +276,15 @@ def _hunts(record: Record) -> float | None:
     return None if record.reversals is None else float(record.reversals > TURNS_OF_A_PASS)
 
 
-def method_intervals(by_method: Mapping[str, Sequence[Record]]) -> dict[str, MethodIntervals]:
+def method_intervals(by_method: Mapping[str, Sequence[Record]], outcomes: Outcomes) -> dict[str, MethodIntervals]:
     """Return the intervals of each method whose success is known.
 
     The unit is the scene, because all sequences of a scene show the same content. Except for rank intervals, each
     interval holds for one method, or one pair of methods, alone. A rank interval counts the rivals that are told apart
     from a method by a test of all rivals at once, so it does not become too narrow as their number grows.
 
-    ``by_method`` holds records that merge_records has accepted. With fewer than MIN_SCENES scenes, every interval is
-    None.
+    ``outcomes`` are those of the records in ``by_method``. With fewer than MIN_SCENES scenes, every interval is None.
     """
-    outcomes = collect_outcomes(by_method)
     if len(outcomes.scenes) < MIN_SCENES:
         reason = f"{len(outcomes.scenes)} of {MIN_SCENES} required scenes"
         return {method: MethodIntervals(missing_reason=reason) for method in outcomes.methods}

@@ -4,12 +4,11 @@ The words are the beginning of the first line of the module of a measure or sear
 """
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from saf_gen.benchmark.method_spec import split_options, split_region
+from saf_gen.benchmark.method_spec import measure_and_search, split_options, split_region
 from saf_gen.core.config.registry import is_builtin_name, plugin_class
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.sweep_lines import split_method
 
 KINDS = ("measures", "searches")
 FORMS = {"_tfi": "on intervals between spikes", "_n": "divided by brightness"}
@@ -24,7 +23,7 @@ def spell_out_names(methods: Iterable[str]) -> dict[str, str]:
     Options and regions of methods are ignored. Measures and searches that are not part of saf_gen are left out, and so
     are those whose name already consists of the same words, such as ``squared_gradient``.
     """
-    halves = [split_method(_without_region(method)) for method in methods]
+    halves = [measure_and_search(_without_region(method)) for method in methods]
     words: dict[str, str] = {}
     for number, kind in enumerate(KINDS):
         for name in dict.fromkeys(split_options(pair[number])[0] for pair in halves):
@@ -34,10 +33,9 @@ def spell_out_names(methods: Iterable[str]) -> dict[str, str]:
     return words
 
 
-def name_list(methods: Iterable[str]) -> str:
-    """Return what the short names in these names of methods stand for as one line of text; '' if none is known."""
-    words = spell_out_names(methods)
-    return f"Names: {'; '.join(f'{name}: {spelled}' for name, spelled in words.items())}." if words else ""
+def list_names(words: Mapping[str, str]) -> str:
+    """Return what the short names of spell_out_names stand for as one line of text."""
+    return f"Names: {'; '.join(f'{name}: {spelled}' for name, spelled in words.items())}."
 
 
 def _without_region(method: str) -> str:

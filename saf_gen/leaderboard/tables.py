@@ -48,19 +48,20 @@ def _interval(
 # --- ranking -------------------------------------------------------------------------------------------
 
 
-def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard", shaded: bool = False) -> Table:
-    """Return the leaderboard, with a column for each light schedule.
-
-    ``shaded`` is for pages, which shade the methods that are level with the best, where other writers have a ``~``.
-    """
+def ranking(rows: Sequence[LeaderboardRow]) -> Table:
+    """Return the leaderboard, with a column for each light schedule."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     apart = any(row.success_least_blur is not None for row in rows)
     judged = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
     columns = (*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ABSTAINING, *_ERROR, *_COST)
     shown = [replace(c, for_programs=True) if judged and c.name == "abstained" else c for c in columns]
-    if shaded:
-        shown[0] = replace(shown[0], meaning=SHADED, cell=lambda row: _format_rank(row).rstrip("~"))
-    return Table(shown, rows, title, _mark)
+    return Table(shown, rows, "Leaderboard", _mark)
+
+
+def shade(board: Table) -> Table:
+    """Return the leaderboard for a page, which shades what is level with the best, where other writers have a ``~``."""
+    first = replace(board.columns[0], meaning=SHADED, cell=lambda row: _format_rank(row).rstrip("~"))
+    return replace(board, columns=[first, *board.columns[1:]])
 
 
 def _mark(row: LeaderboardRow) -> str:

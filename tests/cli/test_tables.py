@@ -9,6 +9,7 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
+from handmade_evaluations import board_of
 from handmade_records import record
 from rich.console import Console
 
@@ -19,7 +20,6 @@ from saf_gen.cli._terminal import err, out, progress_bars
 from saf_gen.core.config import registry
 from saf_gen.core.table import Column, Table
 from saf_gen.generate.recipe import recipe_names
-from saf_gen.leaderboard import rank_methods
 from saf_gen.scene.scene_folder import scene_names
 
 TABLE = Table(
@@ -129,7 +129,8 @@ def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, w
         for scene in ("a", "b")
         for light in ("constant", "continuously_varying")
     ]
-    print_leaderboard(rank_methods(records), title="t", records=records)
+    board = board_of(records)
+    print_leaderboard(board.ranking, names=board.names, notes=board.notes)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= width
     assert "…" not in shown

@@ -26,7 +26,8 @@ def solved(method, shares, *, sequences=4):
 
 
 def intervals(**shares):
-    return method_intervals({name: solved(name, own) for name, own in shares.items()})
+    by_method = {name: solved(name, own) for name, own in shares.items()}
+    return method_intervals(by_method, collect_outcomes(by_method))
 
 
 def test_an_interval_of_scenes_with_one_sequence_each_is_that_of_a_proportion():

@@ -16,7 +16,7 @@ from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records, record
 from saf_gen.cli import main
 from saf_gen.core.config.json_document import format_checked_json
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.reading import read_leaderboard
+from saf_gen.leaderboard import read_leaderboard
 from saf_gen.leaderboard.rerun import verify
 from saf_gen.leaderboard.verification import TIME_AND_MACHINE
 

@@ -12,7 +12,7 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.ranking import LeaderboardRow
+from saf_gen.leaderboard.board import Leaderboard
 from saf_gen.leaderboard.report.viewer import WHITE_QUANTILE
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.pictures.image_strip import ImageStrip, lay_out_pictures
@@ -38,9 +38,7 @@ class Delivered:
     """Readouts that a picture counts."""
 
 
-def picture_answers(
-    tasks: Sequence[SequenceTask], records: Sequence[Record], *, rows: Sequence[LeaderboardRow]
-) -> Delivered | None:
+def picture_answers(tasks: Sequence[SequenceTask], board: Leaderboard) -> Delivered | None:
     """Return pictures of a typical recording at the answers of the first method, the last, and some between.
 
     Of the recordings on which the first and the last method answered and the truth is known, the typical one has the
@@ -50,10 +48,8 @@ def picture_answers(
     ----------
     tasks : sequence of SequenceTask
         The sequences, with the paths of their streams.
-    records : sequence of Record
-        All records.
-    rows : sequence of LeaderboardRow
-        The leaderboard, best first.
+    board : Leaderboard
+        The leaderboard of their evaluation.
 
     Returns
     -------
@@ -61,9 +57,9 @@ def picture_answers(
         The pictures; None in the closed loop, whose spikes are not stored, if no recording has two answers to compare,
         or if its stream cannot be read any more.
     """
-    found = {(r.method, r.sequence): r for r in records if r.error_dof is not None and r.frame is not None}
-    ranked = [row.method for row in rows if any((row.method, task.id) in found for task in tasks)]
-    if len(ranked) < 2 or any(record.track != "recorded" for record in records):
+    found = {(r.method, r.sequence): r for r in board.records if r.error_dof is not None and r.frame is not None}
+    ranked = [method for method in board.methods if any((method, task.id) in found for task in tasks)]
+    if len(ranked) < 2 or any(record.track != "recorded" for record in board.records):
         return None
     best, worst = ranked[0], ranked[-1]
     both = [task for task in tasks if (best, task.id) in found and (worst, task.id) in found]

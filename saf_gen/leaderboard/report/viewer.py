@@ -1,6 +1,7 @@
 """The viewer of the pictures of a sweep: image strips from which the page shows one picture at a time."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from math import isfinite, nan
@@ -11,7 +12,6 @@ from saf_gen.benchmark.judgement import judged_dof
 from saf_gen.benchmark.results import SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.core.display_tone import display_gamma, white_level
-from saf_gen.leaderboard.sweep_lines import frames_to_axis
 from saf_gen.stream.pictures.image_strip import ImageStrip, PictureSheet, lay_out_pictures, shrink_picture
 
 WIDTH = 280
@@ -62,6 +62,25 @@ def build_viewer(sweep: SweepSummary) -> SequenceViewer | None:
         int(np.nanargmin(np.abs(offsets))) if known else len(offsets) // 2,
         pictures.box,
     )
+
+
+def position_axis(sweep: SweepSummary) -> np.ndarray | None:
+    """Return the focus position (T,) if it can be the axis, because the lens never turns back or rests; else None."""
+    lens = sweep.focus_position
+    if lens is None or len(lens) < 2:
+        return None
+    moves = np.sign(float(lens[-1]) - float(lens[0])) * np.diff(lens)
+    centres = np.interp(sweep.frames, np.arange(len(lens)), lens)
+    steps = np.abs(np.diff(centres)) if centres.size > 1 else np.abs(moves)
+    return lens if moves.min() >= 0 and moves.any() and steps.min() > 0.02 * steps.mean() else None
+
+
+def frames_to_axis(sweep: SweepSummary) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that maps frames to the axis: the focus position if it can be the axis, else the frame."""
+    lens = position_axis(sweep)
+    if lens is None:
+        return lambda frames: frames
+    return lambda frames: np.interp(frames, np.arange(len(lens)), lens)
 
 
 def _focus_offsets(sweep: SweepSummary, pictures: Thumbnails) -> np.ndarray:
