@@ -160,7 +160,8 @@ class Record:
     parameters: str = ""
     """Measure and search with every option, defaults included."""
     limits: str = ""
-    """What the process of the method might use on a sequence, if it is not part of saf_gen; otherwise ''."""
+    """What the process of the method might use on a sequence, and the version of Landlock that shut it in, 0 for none,
+    if it is not part of saf_gen; otherwise ''."""
     failed_check: str = ""
     """First check of ``saf-gen methods check`` that the measure or search fails, if it is not part of saf_gen; the key
     is missing if there is none."""

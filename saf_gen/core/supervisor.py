@@ -113,6 +113,25 @@ def _end_all(child: int, *, is_running: bool) -> None:
             return
 
 
+def _delete(folder: str) -> None:
+    """Delete a folder, however deep it is: what is in its folders is moved to its top before it is looked into."""
+    moved = 0
+    while inner := [entry for entry in os.scandir(folder) if entry.is_dir(follow_symlinks=False)]:
+        for path in inner:
+            os.chmod(path, 0o700)  # noqa: PTH101
+            for entry in list(os.scandir(path)):
+                if entry.is_dir(follow_symlinks=False):
+                    os.chmod(entry, 0o700)  # noqa: PTH101
+                    moved += 1
+                    os.rename(entry, f"{folder}/.saf-gen-{moved}")  # noqa: PTH104
+                else:
+                    os.unlink(entry)  # noqa: PTH108
+            os.rmdir(path)  # noqa: PTH106
+    for entry in list(os.scandir(folder)):
+        os.unlink(entry)  # noqa: PTH108
+    os.rmdir(folder)  # noqa: PTH106
+
+
 def main() -> NoReturn:
     """Run a child until it ends, or until the other end of the socket is gone."""
     line = socket.socket(fileno=int(sys.argv[1]))
@@ -146,10 +165,8 @@ def main() -> NoReturn:
                 status = ended[1] if ended[0] == child else status
     _end_all(child, is_running=status is None)
     if order["folder"]:
-        import shutil
-
-        with suppress(RecursionError):  # it is too deep
-            shutil.rmtree(order["folder"], ignore_errors=True)
+        with suppress(OSError):
+            _delete(order["folder"])
     if status is not None and os.WIFSIGNALED(status):
         import resource
 

@@ -56,11 +56,13 @@ class CodeFiles:
         self._is_loading = False
         modules = [module for name, module in list(sys.modules.items()) if name not in self._modules]
         sources = [file for module in modules if (file := getattr(module, "__file__", None))]
-        opened = [path for path in self._opened if not path.endswith(_COMPILED)]
-        paths = {Path(_source_of(path)).resolve() for path in (*opened, *sources)}
         self._named |= set(of_classes)
         self._packages = list(map(Path, packages))
-        self._paths |= self._named | {path for path in paths if Path.cwd() not in path.parents}
+        self._paths |= self._named
+        for text in (*self._opened, *sources):
+            with suppress(OSError, ValueError, RuntimeError):  # a loop of links, or no path at all
+                path = Path(_source_of(text)).resolve()
+                self._paths |= set() if text.endswith(_COMPILED) or Path.cwd() in path.parents else {path}
 
     def digests(self) -> list[list[str]]:
         """Return name and digest of each file as it is now, sorted, without those that cannot be read."""
@@ -90,7 +92,7 @@ def _digest(path: Path) -> str:
         if not path.is_file():
             return ""
         return source_digest(path) if path.suffix == ".py" else file_sha256(path)
-    except (OSError, BadInput):
+    except (OSError, ValueError, BadInput):
         return ""
 
 

@@ -21,8 +21,9 @@ DEVICES = ("/dev/null", "/dev/dri", "/dev/kfd")
 """Beside those of NVIDIA."""
 DATASET_FILES = {"manifest.json", "records.jsonl", "leaderboard.json"}
 RECORDING = (".h5", ".hdf5", ".exr")
-MAX_ENTRIES = 20_000
-"""Number of files and folders that are looked at in each folder of a method; what is beyond cannot be read."""
+MAX_ENTRIES, MAX_DEPTH = 20_000, 32
+"""Numbers of files and folders, and of folders in one another, that are looked at in each folder of a method; what is
+beyond cannot be read."""
 
 
 def reach_of(folders: Iterable[str], files: Iterable[str], *, own: Path) -> Reach | None:
@@ -65,21 +66,21 @@ def _besides_datasets(folder: Path) -> list[str]:
     """Return what is in a folder, but what is hidden, and what is or holds a recording or a result."""
     left = [MAX_ENTRIES]
 
-    def walk(folder: str, *, is_top: bool) -> tuple[list[str], bool]:
+    def walk(folder: str, depth: int) -> tuple[list[str], bool]:
         """Return what may be read in a folder, and whether that is all of it."""
         allowed, is_all = list[str](), True
         try:
-            entries = list(os.scandir(folder))
+            entries = list(os.scandir(folder)) if depth < MAX_DEPTH else []
         except OSError:
             return [], False
-        if not is_top and any(entry.name in DATASET_FILES or entry.name.endswith(RECORDING) for entry in entries):
+        if depth == MAX_DEPTH or (depth and any(_is_data(entry.name) for entry in entries)):
             return [], False
         for entry in entries:
             left[0] -= 1
             if left[0] < 0 or entry.name.startswith(".") or entry.is_symlink():
                 is_all = False
             elif entry.is_dir(follow_symlinks=False):
-                within, is_whole = walk(entry.path, is_top=False)
+                within, is_whole = walk(entry.path, depth + 1)
                 allowed += [entry.path] if is_whole else within
                 is_all &= is_whole
             elif entry.is_file(follow_symlinks=False) and not _is_data(entry.name):
@@ -88,7 +89,7 @@ def _besides_datasets(folder: Path) -> list[str]:
                 is_all = False
         return allowed, is_all
 
-    return walk(str(folder), is_top=True)[0]
+    return walk(str(folder), 0)[0]
 
 
 def _is_data(name: str) -> bool:
