@@ -61,7 +61,7 @@ def print_facts(facts: Mapping[str, str], *, title: str = "") -> None:
 
 def print_leaderboard(table: Table, *, names: Mapping[str, str], notes: Iterable[str] = ()) -> None:
     """Print the columns of a leaderboard that fit, what the short ``names`` in it mean, and notes."""
-    from saf_gen.leaderboard.short_names import list_names
+    from saf_gen.leaderboard.results import list_names
 
     print_table(table, where_to_find="leaderboard.md and the page show them, and a larger COLUMNS")
     for line in (*([list_names(names)] if names else []), *notes):

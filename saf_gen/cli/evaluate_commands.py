@@ -90,9 +90,9 @@ def evaluate_command(
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_on_disk, check_writable, lock_folder
     from saf_gen.leaderboard import Leaderboard
-    from saf_gen.leaderboard.outcomes import describe_size
+    from saf_gen.leaderboard.ranking import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
-    from saf_gen.leaderboard.report.delivered import picture_answers
+    from saf_gen.leaderboard.report.pictures import picture_answers
     from saf_gen.stream.sample_dataset import SAMPLE, sample
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))

@@ -89,7 +89,7 @@ def verify_evaluation_command(
     from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard.outcomes import describe_size
+    from saf_gen.leaderboard.ranking import describe_size
     from saf_gen.leaderboard.rerun import verify
     from saf_gen.leaderboard.verification import DIFFERS, PROVES, RERUN_HERE, write_verification
 
@@ -151,7 +151,7 @@ def tune_command(
     from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
     from saf_gen.core.files import check_ours, check_writable, write_text
-    from saf_gen.leaderboard.short_names import spell_out_names
+    from saf_gen.leaderboard.results import spell_out_names
     from saf_gen.leaderboard.tables import ranking
     from saf_gen.leaderboard.tuning import tune as run
     from saf_gen.stream.manifest import read_manifest

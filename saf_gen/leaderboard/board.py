@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 from saf_gen.benchmark.records import Record, read_records
 from saf_gen.benchmark.results import Evaluation
@@ -13,13 +13,27 @@ from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Table
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard import tables
-from saf_gen.leaderboard.axes import Axis, AxisResults, by_axis, keep_largest
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
-from saf_gen.leaderboard.notes import SceneGrain, grain_by_scene, notes_on
-from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes, describe_size, group_by
-from saf_gen.leaderboard.ranking import LeaderboardRow, rank
-from saf_gen.leaderboard.short_names import spell_out_names
+from saf_gen.leaderboard.ranking import (
+    LeaderboardRow,
+    MethodComparison,
+    Outcomes,
+    collect_outcomes,
+    compare_methods,
+    describe_size,
+    group_by,
+    rank,
+)
+from saf_gen.leaderboard.results import (
+    Axis,
+    AxisResults,
+    SceneGrain,
+    by_axis,
+    grain_by_scene,
+    keep_largest,
+    notes_on,
+    spell_out_names,
+)
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
 
 WEIGHT_OF_STATE = (CLAIMED, RERUN_ELSEWHERE, RERUN_HERE, DIFFERS)
@@ -179,16 +193,3 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
 
 def _join_states(states: Collection[str]) -> str:
     return DIFFERS if DIFFERS in states else min(states, key=WEIGHT_OF_STATE.index)
-
-
-def describe_records(records: Sequence[Record]) -> dict[str, Any]:
-    """Return the keys of leaderboard.json that state of which data and code the records are."""
-    return {
-        "benchmark": sorted({r.benchmark or "" for r in records}),
-        "track": sorted({r.track for r in records}),
-        "rig": sorted({r.rig for r in records}),
-        "data": {r.sequence: r.data for r in records},
-        "code": {r.method: r.code for r in records},
-        "tuning": {r.method: r.tuning for r in records if r.tuning},
-        "parameters": {r.method: r.parameters for r in records},
-    }

@@ -18,9 +18,9 @@ from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.board import describe_records
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.ranking import group_by
+from saf_gen.leaderboard.results import describe_records
 from saf_gen.leaderboard.verification import RowVerdict, Verification, digest_answers, to_comparable
 from saf_gen.stream.manifest import ALL_SPLITS
 

@@ -12,11 +12,16 @@ from saf_gen.benchmark.records import RECORDS_FILE
 from saf_gen.benchmark.view.operations import OVER_DECLARED
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import UNKNOWN, Column, Table, percent
-from saf_gen.leaderboard.axes import AxisResults, Bin
-from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
-from saf_gen.leaderboard.notes import SceneGrain
-from saf_gen.leaderboard.outcomes import FALSE_ABSTENTION_COST, group_by, median_magnitude
-from saf_gen.leaderboard.ranking import LEAST_TIMED_S, LeaderboardRow
+from saf_gen.leaderboard.ranking import (
+    FALSE_ABSTENTION_COST,
+    LEAST_TIMED_S,
+    LeaderboardRow,
+    NeighbourComparison,
+    Profile,
+    group_by,
+    median_magnitude,
+)
+from saf_gen.leaderboard.results import AxisResults, Bin, SceneGrain
 
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
 """Levels of detail of the columns of a ranking; if space is short, columns of the highest level are left out first."""

@@ -23,7 +23,7 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.files import write_text
 from saf_gen.core.user_folder import is_signed, sign_as_user
-from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.ranking import group_by
 
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"

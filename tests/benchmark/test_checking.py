@@ -10,7 +10,7 @@ from saf_gen.benchmark.checking import first_failed_check
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.records import read_records, record_to_json, write_records
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.leaderboard.tables import ranking
 from saf_gen.stream.stream_file import open_stream
 

@@ -12,7 +12,7 @@ from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.leaderboard import Leaderboard
 from saf_gen.leaderboard.report import write_evaluation
-from saf_gen.leaderboard.report.delivered import Delivered
+from saf_gen.leaderboard.report.pictures import Delivered
 from saf_gen.stream.pictures.image_strip import lay_out_pictures
 
 LENS = np.linspace(0, 1, 800, dtype=np.float32)

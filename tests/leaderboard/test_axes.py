@@ -6,7 +6,7 @@ from handmade_evaluations import write_board
 from handmade_records import failed, record
 
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.axes import by_axis
+from saf_gen.leaderboard.results import by_axis
 
 
 def axis(records, name, methods=("a+s",)):

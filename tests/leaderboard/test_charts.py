@@ -13,7 +13,7 @@ from PIL import Image
 from saf_gen.benchmark.results import Evaluation, FocusCurve
 from saf_gen.leaderboard import Leaderboard
 from saf_gen.leaderboard.report.charts import INK, MAX_LINES, SOFT, chart_sweep, make_charts, normalise
-from saf_gen.leaderboard.report.viewer import build_viewer, image_strip, spike_strip
+from saf_gen.leaderboard.report.pictures import build_viewer, image_strip, spike_strip
 
 MEASURES = ("sd", "sd_code", "er_count")
 

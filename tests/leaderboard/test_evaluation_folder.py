@@ -15,17 +15,7 @@ from refusals import refusal
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.benchmark.sequence_evaluation import assess_curves
-from saf_gen.leaderboard import (
-    Leaderboard,
-    axes,
-    board,
-    method_comparison,
-    notes,
-    outcomes,
-    ranking,
-    short_names,
-    tables,
-)
+from saf_gen.leaderboard import Leaderboard, board, ranking, results, tables
 from saf_gen.leaderboard.report import charts, evaluation_folder, page, write_evaluation
 
 pytestmark = pytest.mark.slow
@@ -63,10 +53,10 @@ def held(folder):
 
 
 COMPUTING = (
-    *(ranking.rank, ranking.method_intervals, outcomes.collect_outcomes, axes.by_axis, axes.keep_largest),
-    *(method_comparison.compare_methods, notes.notes_on, notes.grain_by_scene, short_names.spell_out_names),
+    *(ranking.rank, ranking.method_intervals, ranking.collect_outcomes, ranking.compare_methods),
+    *(results.by_axis, results.keep_largest, results.notes_on, results.grain_by_scene, results.spell_out_names),
     *(tables.ranking, tables.by_bin, tables.bin_lines, tables.neighbours, tables.profile_lines, tables.curves),
-    *(tables.measures, tables.rank_measures, board.describe_records, charts.make_charts, page.build_page),
+    *(tables.measures, tables.rank_measures, results.describe_records, charts.make_charts, page.build_page),
 )
 
 

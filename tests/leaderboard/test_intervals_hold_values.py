@@ -14,7 +14,7 @@ from saf_gen.benchmark.records import MAX_POSITION_OR_ERROR, read_records, write
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.intervals import COARSE, MIN_SCENES, median_interval, rate_intervals
-from saf_gen.leaderboard.method_comparison import MethodComparison
+from saf_gen.leaderboard.ranking import MethodComparison
 from saf_gen.leaderboard.tables import ranking
 
 LAST_BIT = 1e-9

@@ -9,7 +9,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.leaderboard.tables import ranking
 
 

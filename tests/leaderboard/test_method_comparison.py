@@ -7,7 +7,7 @@ from handmade_evaluations import board_of, write_board
 from handmade_records import failed, record
 
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.method_comparison import ERROR_LIMITS_DOF
+from saf_gen.leaderboard.ranking import ERROR_LIMITS_DOF
 
 
 def board(errors, *, scenes=12, sequences=4, **more):

@@ -8,8 +8,8 @@ from handmade_evaluations import board_of, make_evaluation, write_board
 from handmade_records import record
 
 from saf_gen.leaderboard import Leaderboard, rank_methods
-from saf_gen.leaderboard.notes import grain_by_scene, grain_warning, notes_on
 from saf_gen.leaderboard.report.page import build_page
+from saf_gen.leaderboard.results import grain_by_scene, grain_warning, notes_on
 
 
 def grainy(method, sequence, of_curve, *, rms=0.02, **more):

@@ -12,8 +12,7 @@ from saf_gen.leaderboard.intervals import (
     median_interval,
     rate_intervals,
 )
-from saf_gen.leaderboard.outcomes import collect_outcomes
-from saf_gen.leaderboard.ranking import MethodIntervals, method_intervals, rank_intervals
+from saf_gen.leaderboard.ranking import MethodIntervals, collect_outcomes, method_intervals, rank_intervals
 
 
 def solved(method, shares, *, sequences=4):

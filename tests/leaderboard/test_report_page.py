@@ -20,10 +20,10 @@ from markupsafe import escape
 
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.leaderboard import Leaderboard, rank_methods
-from saf_gen.leaderboard.axes import MAX_SHOWN_BINS
 from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.leaderboard.report.charts import plot_times
 from saf_gen.leaderboard.report.page import MAX_ANSWERS, _year, add_years, build_page, choose_answers, list_selections
+from saf_gen.leaderboard.results import MAX_SHOWN_BINS
 from saf_gen.leaderboard.tables import ranking, shade
 
 pytestmark = pytest.mark.slow

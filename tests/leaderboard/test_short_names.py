@@ -8,7 +8,7 @@ from saf_gen.cli._tables import print_leaderboard
 from saf_gen.core.config.registry import names
 from saf_gen.leaderboard import Leaderboard
 from saf_gen.leaderboard.report.page import build_page
-from saf_gen.leaderboard.short_names import spell_out_names
+from saf_gen.leaderboard.results import spell_out_names
 
 RECORDS = [record(method, "a", 0.3) for method in ("sd+argmax", "sd+argmax:window=50", "vollath_f4_n+argmax_light")]
 LIST = (

@@ -12,8 +12,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned, parse_method, read_tuned
 from saf_gen.leaderboard import Leaderboard, rank_methods
 from saf_gen.leaderboard.report import write_evaluation
-from saf_gen.leaderboard.trials import MAX_TRIALS, draw_trials, expand_grid
-from saf_gen.leaderboard.tuning import find_objective, tune
+from saf_gen.leaderboard.tuning import MAX_TRIALS, draw_trials, expand_grid, find_objective, tune
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_writer import write_stream
 

@@ -19,10 +19,8 @@ from saf_gen.benchmark.results import LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.core.cores import usable_cores
 from saf_gen.leaderboard.board import Leaderboard
-from saf_gen.leaderboard.method_comparison import Profile
-from saf_gen.leaderboard.outcomes import group_by
-from saf_gen.leaderboard.ranking import LeaderboardRow
-from saf_gen.leaderboard.report.viewer import SequenceViewer, build_viewer, frames_to_axis, position_axis
+from saf_gen.leaderboard.ranking import LeaderboardRow, Profile, group_by
+from saf_gen.leaderboard.report.pictures import SequenceViewer, build_viewer, frames_to_axis, position_axis
 from saf_gen.optics.focus_crossings import focus_crossings
 
 MAX_LINES = 8

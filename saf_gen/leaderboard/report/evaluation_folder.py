@@ -30,14 +30,13 @@ from saf_gen.core.files import (
 from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.errors import BadInput, escape_controls
 from saf_gen.leaderboard import tables
-from saf_gen.leaderboard.axes import AxisResults
-from saf_gen.leaderboard.board import Leaderboard, describe_records
+from saf_gen.leaderboard.board import Leaderboard
 from saf_gen.leaderboard.intervals import CONFIDENCE
-from saf_gen.leaderboard.outcomes import RULE
+from saf_gen.leaderboard.ranking import RULE
 from saf_gen.leaderboard.report.charts import make_charts
-from saf_gen.leaderboard.report.delivered import Delivered
 from saf_gen.leaderboard.report.page import build_page
-from saf_gen.leaderboard.short_names import list_names
+from saf_gen.leaderboard.report.pictures import Delivered
+from saf_gen.leaderboard.results import AxisResults, describe_records, list_names
 
 STAGING = "evaluation"
 STALE = "stale.txt"

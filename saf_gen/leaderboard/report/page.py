@@ -24,12 +24,11 @@ from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table, percent
 from saf_gen.errors import escape_controls
 from saf_gen.leaderboard import tables
-from saf_gen.leaderboard.axes import AXES, Axis, group_by_bin, largest_bins
 from saf_gen.leaderboard.board import Leaderboard
-from saf_gen.leaderboard.outcomes import describe_size, group_by
-from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.ranking import LeaderboardRow, describe_size, group_by, rank_methods
 from saf_gen.leaderboard.report.charts import Chart, plot_times
-from saf_gen.leaderboard.report.delivered import Delivered
+from saf_gen.leaderboard.report.pictures import Delivered
+from saf_gen.leaderboard.results import AXES, Axis, group_by_bin, largest_bins
 
 SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "board.js", "charts.js", "viewer.js")
 STYLES = ("uplot/uPlot.min.css", "page.css")

@@ -10,7 +10,7 @@ from PIL import Image
 from planted_sweeps import SHAPE, write_three_sweeps
 
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-from saf_gen.leaderboard.report.delivered import SHOWN, picture_answers
+from saf_gen.leaderboard.report.pictures import SHOWN, picture_answers
 
 PEAKS = {"one": 200.0, "two": 400.0, "three": 600.0}
 
