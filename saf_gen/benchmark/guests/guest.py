@@ -15,9 +15,9 @@ from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScor
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
-MAX_ALIVE = 96
-"""Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
-"""
+MAX_ALIVE = 32
+"""Processes of guests that are kept, each of about 100 MiB; the one that was started first, and is idle, is ended for
+another, and started again if needed."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,11 @@ class Guest:
         process = self._process = GuestProcess({"load": order}, spec.folders, files=spec.files, limits=self.limits)
         _ALIVE.append(self)
         if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
-            _ALIVE[0].close()
+            for other in _ALIVE[:-1]:
+                if other._lock.acquire(blocking=False):
+                    other.close()
+                    other._lock.release()
+                    break
         try:
             return process.load()
         except BadInput:
