@@ -87,7 +87,6 @@ class MethodGuest(Protocol):
     cost: DeclaredCost
     plugins: list[dict[str, Any]]
     search_options: dict[str, Any]
-    read_late: set[tuple[str, str]]
 
     def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
 

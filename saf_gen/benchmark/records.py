@@ -34,8 +34,6 @@ answer outside the recording."""
 OVER_A_LIMIT = "over a limit: "
 """Beginning of the notes of runs that were ended at a limit of time or memory; another machine may end them elsewhere.
 """
-READ_LATE = "code does not cover what was read only when it was called: "
-"""In the notes of methods of others that opened files after they had been loaded, before the names of these files."""
 MAX_COUNT = 2**53
 """Largest whole number up to which a float represents every whole number."""
 MAX_SECONDS_OR_TRAVELS = 1e9

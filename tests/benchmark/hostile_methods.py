@@ -95,7 +95,7 @@ def kills_itself(view):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@says("ended with exit code|closed its wire|OSError|its process sent")
+@says("ended with exit code|closed its line|OSError|its process sent")
 def closes_all_descriptors(view):
     os.closerange(0, 4096)
     view.score(0, 100)
@@ -117,7 +117,7 @@ def forks_and_returns_twice(view):
     os.fork()
 
 
-@says("ended with exit code 0|closed its wire")
+@says("ended with exit code 0|closed its line")
 def forks_and_lets_the_copy_answer(view):
     if os.fork():
         os._exit(0)
@@ -174,7 +174,7 @@ def prints_much(view):
         os.write(1, b"x" * 100_000)
 
 
-@says("its process sent|closed its wire|did not answer")
+@says("its process sent|closed its line|did not answer")
 def writes_nonsense_to_every_descriptor(view):
     for descriptor in range(3, 64):
         with suppress(OSError):
