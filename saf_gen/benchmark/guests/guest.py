@@ -15,7 +15,7 @@ from saf_gen.benchmark.view.restricted_view import BudgetSpentError, MeteredScor
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
-MAX_ALIVE = 96
+MAX_ALIVE = 32
 """Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
 """
 
