@@ -16,8 +16,7 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
 MAX_ALIVE = 32
-"""Processes of guests that are kept; the one that was started first is ended for another, and started again if needed.
-"""
+"""Processes of guests that are kept. Methods take turns, so of more the last but one is ended: the others stay."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ class Guest:
         process = self._process = GuestProcess({"load": order}, spec.folders, files=spec.files, limits=self.limits)
         _ALIVE.append(self)
         if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
-            _ALIVE[0].close()
+            _ALIVE[-2].close()
         try:
             return process.load()
         except BadInput:
