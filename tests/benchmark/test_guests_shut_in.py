@@ -99,23 +99,24 @@ from saf_gen.parts import Answer
 send = GuestLine.send
 def slowly(self, message):
     if "pong" in message:
-        time.sleep(0.3)
+        time.sleep(PONG)
     send(self, message)
 GuestLine.send = slowly
 def mine(view):
     for number in range(WINDOWS):
-        time.sleep(0.25)
+        time.sleep(0.04)
         view.score(number, number + 50)
     return Answer(7.0)
 """
 
 
 def test_slow_replies_to_pings_hide_no_time(run):
-    _, answer, problem, view = run(SLOW.replace("WINDOWS", "4"), "mine")
+    _, answer, problem, view = run(SLOW.replace("WINDOWS", "20").replace("PONG", "0.05"), "mine")
     assert (answer.frame, problem) == (7.0, "")
-    assert view.scorer.seconds > 0.98
-    _, answer, problem, _ = run(SLOW.replace("WINDOWS", "40"), "mine")
-    assert (answer.frame, problem) == (None, "over a limit: it did not answer within 3 s")
+    assert view.scorer.seconds > 0.75
+    for windows, pong in (("100", "0.05"), ("20", "0.3")):
+        _, answer, problem, _ = run(SLOW.replace("WINDOWS", windows).replace("PONG", pong), "mine")
+        assert (answer.frame, problem) == (None, "over a limit: it did not answer within 3 s")
 
 
 def named(text):

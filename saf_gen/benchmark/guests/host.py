@@ -152,7 +152,7 @@ class GuestProcess:
     ) -> None:
         self._hear, self._limits, self._run, self._tail, self._checked = hear, limits, 0, b"", 0.0
         self._ping_s = dict[tuple[int, ...], float]()  # by the shape of an image
-        self.landlock, self.files = 0, list[list[str]]()
+        self.files = list[list[str]]()
         folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
         (folder / "work").mkdir()
         self._memory = SharedMemory.create(folder)
@@ -171,7 +171,7 @@ class GuestProcess:
             self._memory.close()
             shutil.rmtree(folder)
             raise GuestLost(f"its process cannot be started: {error.strerror or error}") from error
-        memory = self._memory.descriptor, self._memory.path
+        self.landlock, memory = self._child.landlock(), (self._memory.descriptor, self._memory.path)
         self._send({**order, "folders": [*folders], "files": [*files], "memory": memory})
 
     def load(self) -> dict[str, Any]:
@@ -179,10 +179,9 @@ class GuestProcess:
 
         Raises GuestLost if it ends while it loads, or takes too long, and BadInput if the method cannot be loaded.
         """
-        began = perf_counter()
-        message, arrived = self._receive(self._limits.load_s, "load")
-        self.landlock, self.files = self._child.landlock(), _read_digests(message)
-        message, _ = self._receive(self._limits.load_s - (arrived - began), "load")
+        deadline = perf_counter() + self._limits.load_s
+        self.files = _read_digests(self._receive(self._limits.load_s, "load")[0])
+        message, _ = self._receive(deadline - perf_counter(), "load")
         if "refused" in message:
             raise _refusal(message)
         if "broken" in message:
@@ -192,7 +191,7 @@ class GuestProcess:
             if not {digest for _, digest in self.files} <= {digest for _, digest in files}:
                 raise GuestLost("its process sent nonsense")
             self.files = files
-        self._ping_s[()] = self._ping({"ping": 1}, nbytes=0)
+        self._ping_s[()] = self._ping({"ping": 1}, nbytes=0, deadline=deadline, doing="load")
         return message
 
     @property
@@ -243,8 +242,11 @@ class GuestProcess:
                     if "shape" in message:
                         shape = tuple(message["shape"])
                         if shape not in self._ping_s:
+                            ping = {"ping": 1, **message}
                             nbytes = np.dtype(message["dtype"]).itemsize * int(np.prod(shape))
-                            self._ping_s[shape] = self._ping({"ping": 1, **message}, nbytes=nbytes)
+                            deadline = perf_counter() + left
+                            self._ping_s[shape] = self._ping(ping, nbytes=nbytes, deadline=deadline, doing="answer")
+                            left = deadline - perf_counter()
                     continue
                 except BudgetSpentError as error:
                     spent = error
@@ -310,12 +312,12 @@ class GuestProcess:
         except (OSError, ValueError) as error:
             raise self._lost(f"its process has spoilt the memory for images: {error}") from error
 
-    def _ping(self, message: dict[str, Any], *, nbytes: int) -> float:
+    def _ping(self, message: dict[str, Any], *, nbytes: int, deadline: float, doing: str) -> float:
         """Return the time, in seconds, that a message with an image takes to the guest and back, as far as it may."""
         times = []
         for _ in range(PINGS):
             sent = self._send(message)
-            times.append(self._receive(self._limits.load_s, "load")[1] - sent)
+            times.append(self._receive(deadline - perf_counter(), doing)[1] - sent)
         return min(median(times), MAX_TRIP_S + nbytes / MIN_COPY_BYTES_PER_S)
 
     def _send(self, message: dict[str, Any]) -> float:
