@@ -32,7 +32,7 @@ WORKERS = 8
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that runs the tests of the renderer with another of Mitsuba's variants."""
     parser.addoption("--variant", choices=["llvm", "cuda", "scalar"], help="variant that renders in tests")
-    parser.addoption("--processor-times", type=Path, metavar="FILE", help="add the processor seconds of each test to it")
+    parser.addoption("--processor-times", type=Path, metavar="FILE", help="add each test's processor seconds")
 
 
 def pytest_configure(config: pytest.Config) -> None:
