@@ -223,11 +223,8 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
             f"No ranks: no depth of focus is known of {plural(len(unranked), 'object')}, so that errors are fractions "
             f"of the travel{few}."
         )
-    found += [
-        f"{row.method} fails methods check: {row.failed_check} (saf-gen methods check says why)."
-        for row in rows
-        if row.failed_check
-    ]
+    if failing := [f"{row.method} ({row.failed_check})" for row in rows if row.failed_check]:
+        found.append(f"! marks what fails methods check, which says why: {', '.join(failing)}.")
     found += _name_obstacles(records)
     found += _name_least_blur(records)
     found += grain_warning(records)

@@ -65,7 +65,7 @@ def ranking(rows: Sequence[LeaderboardRow]) -> Table:
 
 def shade(board: Table) -> Table:
     """Return the leaderboard for a page, which shades what is level with the best, where other writers have a ``~``."""
-    first = replace(board.columns[0], meaning=SHADED, cell=lambda row: _format_rank(row).rstrip("~"))
+    first = replace(board.columns[0], meaning=SHADED, cell=partial(_format_rank, shaded=True))
     return replace(board, columns=[first, *board.columns[1:]])
 
 
@@ -89,10 +89,10 @@ def _light(light: str) -> Column:
     )
 
 
-def _format_rank(row: LeaderboardRow) -> str:
-    if row.rank is None:
-        return UNKNOWN
-    return f"{row.rank}{'=' if row.tied else ''}{'~' if row.level_with_best and row.rank > 1 else ''}"
+def _format_rank(row: LeaderboardRow, *, shaded: bool = False) -> str:
+    is_level = row.level_with_best and row.rank != 1 and not shaded
+    marks = f"{'=' if row.tied else ''}{'~' if is_level else ''}{'!' if row.failed_check else ''}"
+    return f"{UNKNOWN if row.rank is None else row.rank}{marks}"
 
 
 def _count(number: int) -> str:
@@ -100,8 +100,8 @@ def _count(number: int) -> str:
 
 
 SHADED = (
-    "Rank by answerable success within 1 DoF; = marks a tie. Shaded: methods that cannot be told apart from any better "
-    "one."
+    "Rank by answerable success within 1 DoF; = marks a tie, ! a method that fails methods check. Shaded: methods that "
+    "cannot be told apart from any better one."
 )
 _range = partial(_interval, detail=INTERVALS, optional=True)
 _success = partial(Column, format=percent, group="success", fraction=True)
@@ -112,7 +112,7 @@ _RANK = (
         "#",
         "rank",
         meaning="Rank by answerable success within 1 DoF; = marks a tie, ~ a method that cannot be told apart from any "
-        "better one.",
+        "better one, ! one that fails methods check.",
         cell=_format_rank,
     ),
     *_range(
@@ -122,13 +122,8 @@ _RANK = (
         meaning="95 % interval of the rank over all scenes of this kind, for all rivals at once.",
     ),
     Column("method", "method", meaning="Focus measure + search.", kind="name", link="#answers"),
-    Column(
-        "methods check",
-        "failed_check",
-        "fails {}".format,
-        meaning="First check of saf-gen methods check that a method that is not part of saf_gen fails.",
-        detail=USUAL,
-        optional=True,
+    _hidden(
+        "failed_check", meaning="First check of saf-gen methods check that a method that is not part of saf_gen fails."
     ),
     Column(
         "verified",

@@ -106,12 +106,12 @@ def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     write_records(tmp_path / "records.jsonl", records)
     assert read_records(tmp_path) == list(records)
     rows = rank_methods(records)
-    assert f"{bad} fails methods check: measure, zero when empty (saf-gen methods check says why)." in notes_on(
-        rows, records
-    )
-    assert "fails measure, zero when empty" in ranking(rows).to_markdown()
-    shipped = [record for record in records if record.method == "sd+argmax"]
-    assert "methods check" not in ranking(rank_methods(shipped)).to_markdown()
+    note = f"! marks what fails methods check, which says why: {bad} (measure, zero when empty)."
+    assert note in notes_on(rows, records)
+    board = ranking(rows)
+    assert [row.method for row in rows if board.columns[0].text(row).endswith("!")] == [bad]
+    assert [row["failed_check"] for row in board.to_dicts() if row["failed_check"]] == ["measure, zero when empty"]
+    assert "zero when empty" in board.to_csv()
 
 
 @pytest.mark.parametrize("door", ["score", "view"])

@@ -16,8 +16,8 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
 MAX_ALIVE = 32
-"""Processes of guests that are kept, each of about 100 MiB; the one that was started first, and is idle, is ended for
-another, and started again if needed."""
+"""Processes of guests that are kept, each of about 100 MiB. Methods take turns, so of more the last idle one is ended: the
+others stay."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Guest:
         process = self._process = GuestProcess({"load": order}, spec.folders, files=spec.files, limits=self.limits)
         _ALIVE.append(self)
         if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
-            for other in _ALIVE[:-1]:
+            for other in _ALIVE[-2::-1]:
                 if other._lock.acquire(blocking=False):
                     other.close()
                     other._lock.release()
