@@ -16,8 +16,8 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
 MAX_ALIVE = 32
-"""Processes of guests that are kept, each of about 100 MiB. Methods take turns, of more the last idle one is ended: the
-others stay."""
+"""Processes of guests that are kept, each of about 100 MiB. Methods take turns, so of more the last idle one is ended:
+the others stay."""
 
 
 @dataclass(frozen=True)
