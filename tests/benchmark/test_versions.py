@@ -139,7 +139,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured(), method, protocol=protocol)
             who = Who(method.name, "", "target")
-            records.append(sequence.make_record(who, replace(BLANK.what, track="closed_loop"), run))
+            records.append(sequence.make_record(who, replace(BLANK.what, track="closed_loop"), run=run))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 
