@@ -861,8 +861,10 @@ FAULTS = {
         (
             Change(
                 "leaderboard.ranking",
-                'record.status == "answered" and getattr(record, success) is True) if record.answerable else None',
-                "getattr(record, success) is True) if record.answerable is not None else None",
+                "if not record.answerable:\n            return None\n        return float("
+                'record.judgement.status == "answered" and record.success(limit_dof) is True)',
+                "if record.answerable is None:\n            return None\n        return float("
+                "record.success(limit_dof) is True)",
             ),
         ),
         (
