@@ -9,7 +9,7 @@ from small_dataset import HERE
 ROOT = HERE.parent
 PAGE = re.compile(r"(?<![\w/])docs/([\w/-]+\.md)(#[\w-]+)?")
 WRITTEN = ("saf_gen", "recipes", "scenes", "studies", "tools", "Makefile", "Dockerfile", "saf-gen.def")
-ONLY_ON_THE_SITE = {"reference/commands.md", "reference/python.md"}
+ONLY_ON_THE_SITE = {"commands.md", "python.md"}
 TEXTS = {".py", ".in", ".yaml", ".yml", ".md", ".xml", ".html", ".js", ".css", ".def", ".sh", ""}
 
 
@@ -46,10 +46,10 @@ def test_every_page_that_a_file_names_exists():
 @pytest.mark.parametrize(
     ("cited", "dead"),
     [
-        ("docs/how-to/lens.md", False),
-        ("docs/how-to/lense.md", True),
-        ("docs/explanation/renderer.md#grain", False),
-        ("docs/explanation/renderer.md#grains", True),
+        ("docs/lenses.md", False),
+        ("docs/lense.md", True),
+        ("docs/renderer.md#grain", False),
+        ("docs/renderer.md#grains", True),
     ],
 )
 def test_a_page_or_heading_that_does_not_exist_is_found(cited, dead, tmp_path):

@@ -242,7 +242,7 @@ def ticked(cell: str) -> list[str]:
 
 def test_the_methods_that_run_in_the_closed_loop_are_those_of_the_code():
     shown = {}
-    for searches, measures, how in table("docs/reference/methods.md", "search", "how it moves the lens"):
+    for searches, measures, how in table("docs/methods.md", "search", "how it moves the lens"):
         shown |= {f"{m}+{s}": how for s in ticked(searches) for m in ticked(measures)}
     real = {name: commands_lens(parse_method(name).search) for name in DEFAULT_CLOSED_LOOP_METHODS}
     assert shown == {name: "by its own commands" if own else "by a sweep" for name, own in real.items()}
@@ -287,7 +287,7 @@ def test_what_is_kept_after_a_change_is_what_the_table_says(tmp_path):
         return {s.scene.id: stacks[s.planned.id] for s in work.sequences}, made
 
     stacks, before = fingerprints(lambda recipe: None)
-    rows = table("docs/how-to/generate.md", "you change")
+    rows = table("docs/recipes.md", "you change")
     assert {ticked(row[0])[0] for row in rows} == set(CHANGES)
     for first, of_stacks, of_sequences in rows:
         key = ticked(first)[0]
@@ -408,22 +408,22 @@ def follow_page(page, desk, monkeypatch):
 @pytest.mark.slow
 def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     made = desk / "datasets/quickstart"
-    layout = (ROOT / "docs/reference/file-layout.md").read_text(encoding="utf-8")
+    layout = (ROOT / "docs/files.md").read_text(encoding="utf-8")
     folder = layout.split("## A dataset folder")[1].split("```")[1]
     SpikeWindows(made, window=100)[0]  # writes the counts that it reads
     for line in folder.strip().splitlines():
         pattern = re.sub(r"<\w+>", "*", line.split()[0])
         assert list(made.glob(pattern)), f"{pattern} is not there"
     run(desk, ["saf-gen", "evaluate", str(made), "--out", "made", "--method", "sd+argmax"])
-    for row in table("docs/reference/leaderboard.md", "file"):
+    for row in table("docs/leaderboard.md", "file"):
         assert list((desk / "made").glob(ticked(row[0])[0].replace("SPLIT-SCENE", "*")))
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])
-    keys = {key for row in table("docs/reference/records.md", "key") for key in ticked(row[0])}
+    keys = {key for row in table("docs/records.md", "key") for key in ticked(row[0])}
     assert keys | {"format", "checksum"} == set(record) | set(KEYS_WHERE_KNOWN)
     with (desk / "made/leaderboard.csv").open() as file:
         header = next(csv.reader(file))
     lights = [f"answerable_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]
-    named = [key for row in table("docs/reference/leaderboard.md", "column") for key in ticked(row[1])]
+    named = [key for row in table("docs/leaderboard.md", "column") for key in ticked(row[1])]
     named.remove("success_least_blur")  # only of lenses with aberrations
     at = named.index("answerable_1dof_light_LIGHT")
     assert sorted(header) == sorted(named[:at] + lights + named[at + 1 :])

@@ -9,7 +9,7 @@ import pytest
 from small_dataset import HERE
 
 ROOT = HERE.parent
-README, TUTORIAL = "README.md", "docs/tutorials/first-five-minutes.md"
+README, TUTORIAL = "README.md", "docs/start.md"
 
 
 def block(page, pattern):

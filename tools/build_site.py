@@ -24,16 +24,16 @@ from public_names import commands_page, python_page
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("*.md", "docs/**/*.md", "studies/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
-MADE = {"docs/reference/commands.md": commands_page, "docs/reference/python.md": python_page}
+MADE = {"docs/commands.md": commands_page, "docs/python.md": python_page}
 """Pages that are only on the site, and the functions that make them."""
 LINK = re.compile(r"\]\(([^)\s#]+)")
 WHOLE_LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)\)")
 SEARCHED = {
-    "1000": "docs/how-to/import.md",
-    "1000 x 1000": "docs/how-to/import.md",
-    "depth map": "docs/reference/file-layout.md",
-    "ground truth": "docs/explanation/truth-and-ranking.md",
-    "pytorch cpu": "docs/how-to/install.md",
+    "1000": "docs/your-recordings.md",
+    "1000 x 1000": "docs/your-recordings.md",
+    "depth map": "docs/files.md",
+    "ground truth": "docs/truth-and-ranking.md",
+    "pytorch cpu": "docs/install.md",
 }
 """What readers search for, and the page that the search of the site must list first.
 

@@ -1,6 +1,6 @@
 """The public names of saf_gen: its commands, and the functions and classes on which scripts and plug-ins may rely.
 
-``tools/write_reference.py`` lists them in docs/reference/public-names.md, and ``tools/build_site.py`` writes a page of
+``tools/write_reference.py`` lists them in docs/public-names.md, and ``tools/build_site.py`` writes a page of
 the site about each command and each name.
 """
 

@@ -305,7 +305,7 @@ def expected_files() -> dict[Path, str]:
     """Return all files of docs/ that are made from the code, completely or in part, with their expected text."""
     pages = {page: rewritten(page) for page in sorted(DOCS.rglob("*.md")) if PART.search(page.read_text("utf-8"))}
     written = {name: json.dumps(make(), indent=1, ensure_ascii=False) + "\n" for name, make in SCHEMAS.items()}
-    return pages | {DOCS / "reference" / name: text for name, text in written.items()}
+    return pages | {DOCS / name: text for name, text in written.items()}
 
 
 if __name__ == "__main__":
