@@ -28,8 +28,9 @@ WORKERS = 8
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that runs the tests of the renderer with another of Mitsuba's variants."""
+    """Add the options that choose one of Mitsuba's variants, and that rewrite what pages show."""
     parser.addoption("--variant", choices=["llvm", "cuda", "scalar"], help="variant that renders in tests")
+    parser.addoption("--accept", action="store_true", help="write what is printed to the pages that show it")
 
 
 def pytest_configure(config: pytest.Config) -> None:

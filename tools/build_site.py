@@ -86,7 +86,11 @@ def toctrees(pages: list[Path]) -> str:
         if title == "Reference":
             menu[title] += MADE
     others = [page.relative_to(ROOT).as_posix() for page in pages]
-    menu = {"Start": ["docs/README.md"], **menu, "More": [one for one in others if one not in listed]}
+    menu = {
+        "Start": ["docs/README.md", *menu.pop("Start")],
+        **menu,
+        "More": [one for one in others if one not in listed],
+    }
     trees = [
         f"\n```{{toctree}}\n:hidden:\n:maxdepth: 1\n:titlesonly:\n:caption: {title}\n\n" + "\n".join(group) + "\n```\n"
         for title, group in menu.items()

@@ -1,4 +1,4 @@
-"""Write the parts of docs/ that come from the code: public names, keys, options, records, JSON Schemas.
+"""Write the parts of docs/ that come from the code: keys, options, records, JSON Schemas.
 
     python tools/write_reference.py
 
@@ -9,13 +9,14 @@ Everything else on a page is written by hand. ``tests/test_reference.py`` compar
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from public_names import public_commands, public_python, table, tick
+from public_names import table, tick
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -43,7 +44,7 @@ from saf_gen.scene.scene_folder import SceneCard
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PART = re.compile(r"(<!-- from the code: ([a-z_]+) -->\n).*?(<!-- end -->)", re.DOTALL)
-REQUIRED = "must be given"
+REQUIRED = "required"
 
 
 # --- keys of recipes and cards -------------------------------------------------------------------------
@@ -145,21 +146,28 @@ def card_keys() -> str:
 
 
 def picture_keys() -> str:
-    """Return the table of the keys of the card of a photographed scene."""
-    return table("key", "value", "default", "meaning", rows=keys_of(PictureCard))
+    """Return the table of the keys that only the card of a photographed scene has."""
+    shared = {row[0] for row in keys_of(SceneCard)}
+    return table(
+        "key", "value", "default", "meaning", rows=(row for row in keys_of(PictureCard) if row[0] not in shared)
+    )
 
 
 def drive_keys() -> str:
     """Return the table of the keys that only one kind of lens has."""
     rows = []
     kinds = kinds_of(SceneCard.model_fields["lens"].annotation)
-    common = set.intersection(*(set(kind.model_fields) for kind in kinds))
+    counts = Counter(name for kind in kinds for name in kind.model_fields)
     for kind in kinds:
-        said = field_docs(kind)
-        rows.append([f"`{get_args(kind.model_fields['drive'].annotation)[0]}`", "", "", said["drive"]])
-        own = [(name, field) for name, field in kind.model_fields.items() if name not in common]
-        rows += [["", f"`lens.{name}`", _allowed(field.annotation, field), said[name]] for name, field in own]
-    return table("drive", "key, must be given", "value", "meaning", rows=rows)
+        docs = field_docs(kind)
+        rows.append([f"**`{get_args(kind.model_fields['drive'].annotation)[0]}`**", "", docs["drive"]])
+        own = [
+            (name, field)
+            for name, field in kind.model_fields.items()
+            if name != "drive" and (counts[name] == 1 or (field.is_required() and counts[name] < len(kinds)))
+        ]
+        rows += [[f"`lens.{name}`", _allowed(field.annotation, field), docs[name]] for name, field in own]
+    return table("drive, and its keys", "value", "meaning", rows=rows)
 
 
 # --- plug-ins, sensors, actuators ----------------------------------------------------------------------
@@ -169,13 +177,13 @@ def _options(plugin_kind: str) -> str:
     rows = []
     for name in registry.names(plugin_kind):
         cls = registry.plugin_class(plugin_kind, name)
-        rows.append([f"`{name}`", "", "", "", tick(summarise_plugin(cls))])
+        rows.append([f"**`{name}`**", "", "", tick(summarise_plugin(cls))])
         said = field_docs(cls)
         for field in fields(cls):
             allowed, _, meaning = tick(said[field.name]).partition(": ")
             default = REQUIRED if field.default is MISSING else "" if field.default is None else _written(field.default)
-            rows.append(["", f"`{field.name.rstrip('_')}`", allowed, default, meaning[0].upper() + meaning[1:]])
-    return table("kind", "key", "value", "default", "meaning", rows=rows)
+            rows.append([f"`{field.name.rstrip('_')}`", allowed, default, meaning[0].upper() + meaning[1:]])
+    return table("kind, and its keys", "value", "default", "meaning", rows=rows)
 
 
 def light_keys() -> str:
@@ -245,7 +253,7 @@ def leaderboard_columns() -> str:
     rows: list[list[str]] = []
     row = SimpleNamespace(success_by_light=[("LIGHT", None)], success_least_blur=1.0, false_abstentions=None)
     for column in ranking([row]).columns:  # type: ignore[list-item]
-        if rows and rows[-1][2] == column.meaning:
+        if rows and column.meaning in (rows[-1][2], "Upper end of the interval."):
             rows[-1][1] += f", `{column.name}`"
         else:
             rows.append(["each light" if column.together else column.header, f"`{column.name}`", column.meaning])
@@ -272,8 +280,6 @@ def record_keys() -> str:
 PARTS: dict[str, Callable[[], str]] = {
     part.__name__: part
     for part in (
-        public_commands,
-        public_python,
         recipe_keys,
         card_keys,
         picture_keys,

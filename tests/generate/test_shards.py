@@ -75,7 +75,7 @@ def dearest_piece(work):
 
 @pytest.mark.slow
 def test_the_table_on_the_page_is_that_of_the_plans(shipped):
-    lines = Path("docs/cluster.md").read_text(encoding="utf-8").splitlines()
+    lines = Path("docs/machines.md").read_text(encoding="utf-8").splitlines()
     start = next(n for n, line in enumerate(lines) if line.startswith("| recipe | N = 1 |"))
     shown = [line for line in lines[start + 2 :] if line.startswith("|")][: len(RECIPES)]
     assert shown == [describe_shares(name, work) for name, work in shipped.items()]
