@@ -11,7 +11,6 @@ digit, or 12 % (one recording of nine) of a per cent; ranks may differ. ``pytest
 rewrites the blocks.
 """
 
-import csv
 import io
 import json
 import os
@@ -557,10 +556,3 @@ def test_a_dataset_and_its_evaluation_hold_what_the_pages_list(desk):
     record = json.loads((desk / "made/records.jsonl").read_text().splitlines()[0])
     keys = {key for row in table("docs/files.md", "key") for key in ticked(row[0])}
     assert keys | {"format", "checksum"} == set(record) | set(KEYS_WHERE_KNOWN)
-    with (desk / "made/leaderboard.csv").open() as file:
-        header = next(csv.reader(file))
-    lights = [f"answerable_1dof_light_{light}" for light in ("constant", "continuous", "sudden")]
-    named = [key for row in table("docs/files.md", "column") for key in ticked(row[1])]
-    named.remove("success_least_blur")  # only of lenses with aberrations
-    at = named.index("answerable_1dof_light_LIGHT")
-    assert sorted(header) == sorted(named[:at] + lights + named[at + 1 :])

@@ -44,8 +44,8 @@ HEAD = """# Scenes
 
 The upper row of a sheet shows what the camera sees at both ends of the lens's travel and, between them, at the true
 focus of the target. The lower row shows members of the scene's family, drawn at random, and a moving scene at moments
-of a second, all sharp. Distances are those in focus at the ends of the travel, and lux those of each light group at
-the target. `python tools/write_gallery.py` writes this page, with `--keep` without rendering what is there.
+of a second, all sharp. Distances are those in focus at the ends of the travel. `python tools/write_gallery.py` writes
+this page, with `--keep` without rendering what is there.
 """
 
 
@@ -148,12 +148,10 @@ def moment_label(label: str) -> str:
 def section(scene: Scene, *, picture: Path, folder: Path) -> str:
     card = scene.card
     near, far = scene.build_drive().focusing_range_m
-    lux = [f"`{name}` {card.illuminance_lux[name]:,g}" for name in card.lights if name in card.illuminance_lux]
-    light = f", {', '.join(lux)} lux" if lux else ""
     moves = f", {card.slices_per_s:g} slices per second" if card.slices_per_s else ""
-    image = f"![sheet of {scene.id}]({picture.relative_to(folder).as_posix()})"
+    image = f"![{scene.id}]({picture.relative_to(folder).as_posix()})"
     source = f"{card.licence}, {source_link(scene, folder)}"
-    line = fill(f"{card.lens.summary}, {near:.4g} to {far:.4g} m{light}{moves}, {source}.")
+    line = fill(f"{card.lens.summary}, {near:.4g} to {far:.4g} m{moves}, {source}.")
     return "\n".join([f"{escape_markdown(card.title)}.", "", image, "", line, ""])
 
 

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
-from types import NoneType, SimpleNamespace, UnionType
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from public_names import table, tick
@@ -22,20 +22,13 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from saf_gen.benchmark.curve_quality import CurveQuality
-from saf_gen.benchmark.plugin_description import (
-    build_or_class,
-    format_attribute,
-    measure_suffixes,
-    search_kind,
-    summarise_plugin,
-)
+from saf_gen.benchmark.plugin_description import build_or_class, format_attribute, search_kind, summarise_plugin
 from saf_gen.benchmark.records import Record
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.axes import AXES
-from saf_gen.leaderboard.tables import ranking
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema
@@ -209,9 +202,8 @@ def measure_table() -> str:
         measure = build_or_class("measures", name)
         options = ", ".join(f"`{key}`" for key in registry.option_fields("measures", name))
         cost, degree = (format_attribute(measure, key) for key in ("cost", "degree"))
-        forms = ", ".join(f"`{suffix}`" for suffix in measure_suffixes(measure) if suffix != "_n_tfi")
-        rows.append([f"`{name}`", tick(summarise_plugin(measure)), cost, degree, options, forms])
-    return table("measure", "what it is", "cost", "degree", "options", "forms", rows=rows)
+        rows.append([f"`{name}`", tick(summarise_plugin(measure)), cost, degree, options])
+    return table("measure", "what it is", "cost", "degree", "options", rows=rows)
 
 
 def search_table() -> str:
@@ -248,18 +240,6 @@ def actuator_table() -> str:
 # --- leaderboard and records ----------------------------------------------------------------------------
 
 
-def leaderboard_columns() -> str:
-    """Return the table of the leaderboard's columns; columns with the same meaning share a row."""
-    rows: list[list[str]] = []
-    row = SimpleNamespace(success_by_light=[("LIGHT", None)], success_least_blur=1.0, false_abstentions=None)
-    for column in ranking([row]).columns:  # type: ignore[list-item]
-        if rows and column.meaning in (rows[-1][2], "Upper end of the interval."):
-            rows[-1][1] += f", `{column.name}`"
-        else:
-            rows.append(["each light" if column.together else column.header, f"`{column.name}`", column.meaning])
-    return table("column", "name in the files", "meaning", rows=rows)
-
-
 def leaderboard_conditions() -> str:
     """Return the table of the conditions by which sequences are sorted."""
     rows = ([axis.title, f"`{axis.name}`", axis.meaning, "; ".join(axis.order)] for axis in AXES)
@@ -291,7 +271,6 @@ PARTS: dict[str, Callable[[], str]] = {
         search_table,
         sensor_table,
         actuator_table,
-        leaderboard_columns,
         leaderboard_conditions,
         curve_criteria,
         record_keys,
