@@ -28,7 +28,7 @@ from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.generate.recipe import Recipe, recipe_schema
-from saf_gen.leaderboard.axes import AXES
+from saf_gen.leaderboard.results import AXES
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema

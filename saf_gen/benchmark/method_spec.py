@@ -69,6 +69,8 @@ DEFAULT_CLOSED_LOOP_METHODS = (
 )
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
+MAX_STATED = 4000
+"""Largest number of characters in which a record states a measure, or a search, with its options."""
 TUNING_FORMAT = "saf-gen tuning 1"
 TUNE_HINT = "make it with saf-gen tune"
 
@@ -85,7 +87,6 @@ class MethodGuest(Protocol):
     cost: DeclaredCost
     plugins: list[dict[str, Any]]
     search_options: dict[str, Any]
-    read_late: set[tuple[str, str]]
 
     def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
 
@@ -128,8 +129,8 @@ class Method:
 
     @property
     def parameters(self) -> str:
-        """Measure and search with every option, in the form that records store."""
-        return f"{self.measure!r} + {self.search!r}"
+        """Measure and search with every option, in the form that records store; long options by length and digest."""
+        return f"{_state(self.measure)} + {_state(self.search)}"
 
     @property
     def record_fields(self) -> dict[str, str]:
@@ -137,6 +138,23 @@ class Method:
         limits = str(self.guest.limits) if self.guest else ""
         named = {"method": self.name, "code": self.code, "parameters": self.parameters}
         return named | {"limits": limits, "tuning": self.tuning}
+
+
+def _state(part: Any) -> str:
+    """Return a measure or a search with its options, in at most MAX_STATED characters, because every record has it."""
+    text = repr(part)
+    if len(text) > MAX_STATED and is_dataclass(part):
+        values = {field.name: getattr(part, field.name) for field in fields(part)}
+        stated = {name: _state(one) if is_dataclass(one) else shorten(repr(one)) for name, one in values.items()}
+        text = f"{type(part).__qualname__}({', '.join(f'{name}={one}' for name, one in stated.items())})"
+    return shorten(text, MAX_STATED)
+
+
+def shorten(text: str, limit: int = 500) -> str:
+    """Return a text or, if it is longer than ``limit``, its number of characters and 12 digits of their SHA-256."""
+    if len(text) <= limit:
+        return text
+    return f"<{len(text):,} characters, {hashlib.sha256(text.encode(errors='backslashreplace')).hexdigest()[:12]}>"
 
 
 def options_of(search: Any) -> dict[str, Any]:
@@ -306,6 +324,12 @@ def split_halves(name: str) -> list[str]:
         if all("+" not in half or ".py:" in half.rpartition("+")[2] for half in halves):
             return halves
     return pieces
+
+
+def measure_and_search(name: str) -> tuple[str, str]:
+    """Return the measure and the search of a method with their options, or the name and '' for predictions."""
+    measure, *search = split_halves(name)
+    return measure, search[0] if search else ""
 
 
 def split_options(half: str) -> tuple[str, str]:

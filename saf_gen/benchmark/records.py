@@ -34,8 +34,6 @@ answer outside the recording."""
 OVER_A_LIMIT = "over a limit: "
 """Beginning of the notes of runs that were ended at a limit of time or memory; another machine may end them elsewhere.
 """
-READ_LATE = "code does not cover what was read only when it was called: "
-"""In the notes of methods of others that opened files after they had been loaded, before the names of these files."""
 MAX_COUNT = 2**53
 """Largest whole number up to which a float represents every whole number."""
 MAX_SECONDS_OR_TRAVELS = 1e9
@@ -162,7 +160,8 @@ class Record:
     parameters: str = ""
     """Measure and search with every option, defaults included."""
     limits: str = ""
-    """What the process of the method might use on a sequence, if it is not part of saf_gen; otherwise ''."""
+    """What the process of the method might use on a sequence, and the version of Landlock that shut it in, 0 for none,
+    if it is not part of saf_gen; otherwise ''."""
     failed_check: str = ""
     """First check of ``saf-gen methods check`` that the measure or search fails, if it is not part of saf_gen; the key
     is missing if there is none."""

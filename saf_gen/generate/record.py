@@ -13,7 +13,7 @@ from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
 from saf_gen.camera.camera import LensCourse
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.errors import BadInput
-from saf_gen.generate.resolve import PlannedSequence
+from saf_gen.generate.draw import PlannedSequence
 from saf_gen.plugins.lights import group_gains
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Blends, Colour

@@ -18,9 +18,9 @@ from saf_gen.core.config.registry import refuse_code
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.plain_text import plural
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.files import LEADERBOARD_FILES, describe_records
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.ranking import group_by
+from saf_gen.leaderboard.results import describe_records
 from saf_gen.leaderboard.verification import RowVerdict, Verification, digest_answers, to_comparable
 from saf_gen.stream.manifest import ALL_SPLITS
 
@@ -179,7 +179,7 @@ def _compare_record(says: Mapping[str, Any], gives: Mapping[str, Any]) -> str:
 
 def _compare_header(folder: Path, records: Sequence[Record]) -> str:
     """Return in what leaderboard.json contradicts the records beside it, or ''; also '' if there is no such file."""
-    path = (folder if folder.is_dir() else folder.parent) / LEADERBOARD_FILES[0]
+    path = (folder if folder.is_dir() else folder.parent) / "leaderboard.json"
     if not path.is_file():
         return ""
     document, header = read_json(path).data, describe_records(records)

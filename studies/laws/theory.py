@@ -1,4 +1,4 @@
-"""Closed forms with which several checks compare, written from docs/explanation and not from the code under test.
+"""Closed forms with which several checks compare, written from docs and not from the code under test.
 
 Lengths are in metres, charge in electrons per readout, rates in spikes per readout.
 """

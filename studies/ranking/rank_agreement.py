@@ -14,9 +14,9 @@ import numpy as np
 from saf_gen.benchmark.records import Record
 from saf_gen.core.region import REGIONS
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard.axes import AXES, Axis, group_by_bin, largest_bins
 from saf_gen.leaderboard.intervals import CONFIDENCE, MIN_SCENES
-from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes, group_by
+from saf_gen.leaderboard.ranking import Outcomes, collect_outcomes, group_by
+from saf_gen.leaderboard.results import AXES, Axis, group_by_bin, largest_bins
 
 RESAMPLES = 500
 MAX_BINS = 6

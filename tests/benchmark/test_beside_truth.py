@@ -15,8 +15,8 @@ from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, format_records, read_rec
 from saf_gen.benchmark.tracks.beside_truth import optimum_fields, sharpness_fields
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
-from saf_gen.leaderboard.notes import notes_on
 from saf_gen.leaderboard.ranking import rank_methods
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.leaderboard.tables import ranking
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth

@@ -10,7 +10,7 @@ from saf_gen.benchmark.checking import first_failed_check
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.records import read_records, record_to_json, write_records
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.leaderboard.tables import ranking
 from saf_gen.stream.stream_file import open_stream
 
@@ -106,12 +106,12 @@ def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     write_records(tmp_path / "records.jsonl", records)
     assert read_records(tmp_path) == list(records)
     rows = rank_methods(records)
-    assert f"{bad} fails methods check: measure, zero when empty (saf-gen methods check says why)." in notes_on(
-        rows, records
-    )
-    assert "fails measure, zero when empty" in ranking(rows).to_markdown()
-    shipped = [record for record in records if record.method == "sd+argmax"]
-    assert "methods check" not in ranking(rank_methods(shipped)).to_markdown()
+    note = f"! marks what fails methods check, which says why: {bad} (measure, zero when empty)."
+    assert note in notes_on(rows, records)
+    board = ranking(rows)
+    assert [row.method for row in rows if board.columns[0].text(row).endswith("!")] == [bad]
+    assert [row["failed_check"] for row in board.to_dicts() if row["failed_check"]] == ["measure, zero when empty"]
+    assert "zero when empty" in board.to_csv()
 
 
 @pytest.mark.parametrize("door", ["score", "view"])

@@ -13,7 +13,7 @@ from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, judge_crossing, judge_location, truncate_truth
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard.axes import by_axis
+from saf_gen.leaderboard.results import by_axis
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth

@@ -9,8 +9,8 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
-from saf_gen.leaderboard.notes import notes_on
 from saf_gen.leaderboard.ranking import rank_methods
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.parts import Answer
 
 FRAMES = 800

@@ -13,7 +13,7 @@ from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_d
 from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.scene.trusted_folders import register_folder
 from saf_gen.stream.stream_file import open_stream
 

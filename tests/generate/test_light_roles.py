@@ -5,8 +5,9 @@ from refusals import assert_says, refusal
 from small_dataset import HERE, SMALL_RECIPE
 
 from saf_gen.core.shipped import shipped_folder
+from saf_gen.generate.draw import SceneFamily, draw_sequences
 from saf_gen.generate.recipe import read_recipe
-from saf_gen.generate.resolve import SceneFamily, coarse_sampling, draw_sequences, resolve_recipe
+from saf_gen.generate.resolve import coarse_sampling, resolve_recipe
 from saf_gen.plugins.lights import ROLES, default_roles, group_gains
 from saf_gen.scene.scene_folder import Scene, find_scene
 

@@ -4,8 +4,9 @@ import pytest
 import yaml
 from refusals import assert_says, refusal
 
+from saf_gen.generate.draw import SceneFamily, draw_sequences
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint
+from saf_gen.generate.resolve import recipe_fingerprint
 
 LIGHTS = {name: {"kind": "constant"} for name in ("a", "b", "c")}
 SPLIT = {"scenes": ["drawn"], "lights": ["a", "b", "c"]}

@@ -9,8 +9,9 @@ import yaml
 from refusals import assert_says, refusal
 
 from saf_gen.core.files import temporary_name
+from saf_gen.generate.draw import SceneFamily, draw_sequences
 from saf_gen.generate.recipe import Recipe, read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences, recipe_fingerprint, resolve_recipe
+from saf_gen.generate.resolve import recipe_fingerprint, resolve_recipe
 
 BASE = {
     "name": "tiny",

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from saf_gen.generate.resolve import PlannedSequence
+from saf_gen.generate.draw import PlannedSequence
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.focal_stack import StackSpec
 

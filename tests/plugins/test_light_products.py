@@ -13,8 +13,9 @@ from test_lights import EXAMPLES, RECTIFIED, light_of, table
 
 from saf_gen.camera.course import LightCourse
 from saf_gen.core.config import registry
+from saf_gen.generate.draw import SceneFamily, draw_sequences
 from saf_gen.generate.recipe import read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences, resolve_recipe
+from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.parts import LightFactor
 from saf_gen.plugins.lights import build_light, gains_at_readouts, group_gains, list_lamps, states_spectrum
 

@@ -4,8 +4,9 @@ import pytest
 from refusals import assert_says, refusal
 from small_dataset import SMALL_RECIPE
 
+from saf_gen.generate.draw import SceneFamily, draw_sequences
 from saf_gen.generate.recipe import read_recipe
-from saf_gen.generate.resolve import SceneFamily, draw_sequences, resolve_recipe
+from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.plugins.lights import group_gains
 from saf_gen.scene.scene_folder import find_scene
 

@@ -1,18 +1,39 @@
-"""Reading of evaluations as one leaderboard, which a notebook shows as a table."""
+"""A leaderboard: ranked methods, and everything that tables and pages say of them, each computed when first needed."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import overload
 
 from saf_gen.benchmark.records import Record, read_records
+from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.plain_text import plural
+from saf_gen.core.table import Table
 from saf_gen.errors import BadInput, escape_controls
+from saf_gen.leaderboard import tables
 from saf_gen.leaderboard.merging import merge_records
-from saf_gen.leaderboard.outcomes import describe_size
-from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.tables import INTERVALS, ranking
+from saf_gen.leaderboard.ranking import (
+    LeaderboardRow,
+    MethodComparison,
+    Outcomes,
+    collect_outcomes,
+    compare_methods,
+    describe_size,
+    group_by,
+    rank,
+)
+from saf_gen.leaderboard.results import (
+    Axis,
+    AxisResults,
+    SceneGrain,
+    by_axis,
+    grain_by_scene,
+    keep_largest,
+    notes_on,
+    spell_out_names,
+)
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
 
 WEIGHT_OF_STATE = (CLAIMED, RERUN_ELSEWHERE, RERUN_HERE, DIFFERS)
@@ -22,16 +43,81 @@ the state of a row is the first of its records' states, but differs if one of th
 
 @dataclass(frozen=True)
 class Leaderboard(Sequence[LeaderboardRow]):
-    """Methods in the order of their rank, with the records from which the ranking was computed.
+    """Methods in the order of their rank, with the evaluation from which the ranking was computed.
 
     A leaderboard is a sequence of rows: ``board[0].method`` is the first method. As the last line of a notebook cell it
-    is shown as a table.
+    is shown as a table. Results beyond the rows are computed once, when they are first needed.
     """
 
     rows: tuple[LeaderboardRow, ...]
     """One row per method, best first."""
-    records: tuple[Record, ...]
-    """One record per method and sequence."""
+    evaluation: Evaluation
+    outcomes: Outcomes
+    """Outcomes of the methods of known success."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> "Leaderboard":
+        """Return the leaderboard of an evaluation; raises BadInput if its records cannot be compared."""
+        by_method = group_by(merge_records({"": evaluation.records}), "method")
+        outcomes = collect_outcomes(by_method)
+        return cls(rank(by_method, outcomes), evaluation, outcomes)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """One record per method and sequence."""
+        return self.evaluation.records
+
+    @cached_property
+    def methods(self) -> list[str]:
+        """Names of the methods, best first."""
+        return [row.method for row in self.rows]
+
+    @cached_property
+    def ranking(self) -> Table:
+        """The rows as a table."""
+        return tables.ranking(self.rows)
+
+    @cached_property
+    def axes(self) -> tuple[AxisResults, ...]:
+        """Results by condition."""
+        return by_axis(self.records, self.methods)
+
+    @cached_property
+    def conditions(self) -> list[tuple[Axis, Table]]:
+        """Tables, for readers, of the axes along which sequences differ."""
+        shown = [keep_largest(results) for results in self.axes if len(results.bins) > 1]
+        return [(results.axis, tables.by_bin(results)) for results in shown]
+
+    @cached_property
+    def comparison(self) -> MethodComparison:
+        """Profiles of the methods, and comparisons of neighbours in rank."""
+        known = set(self.outcomes.methods)
+        return compare_methods(self.outcomes.select({name: name for name in self.methods if name in known}))
+
+    @cached_property
+    def neighbours(self) -> Table:
+        """The comparisons of neighbours as a table."""
+        return tables.neighbours(self.comparison.neighbours)
+
+    @cached_property
+    def measures(self) -> Table:
+        """Summaries of the focus curves of each measure as a table."""
+        return tables.measures(self.evaluation.curves)
+
+    @cached_property
+    def grain(self) -> list[SceneGrain]:
+        """Grain of each scene; empty if it is unknown."""
+        return grain_by_scene(self.records)
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """Notes that a reader needs to interpret the numbers."""
+        return notes_on(self.rows, self.records)
+
+    @cached_property
+    def names(self) -> dict[str, str]:
+        """Words for each short name in the names of the methods."""
+        return spell_out_names(self.methods)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -52,7 +138,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
     def to_dicts(self) -> list[dict[str, object]]:
         """Return one dictionary per row with the keys of ``leaderboard.csv``; ``pandas.DataFrame`` accepts the list."""
-        return ranking(self.rows).to_dicts()
+        return self.ranking.to_dicts()
 
     @property
     def size(self) -> str:
@@ -61,7 +147,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook, without the most detailed columns; tooltips explain the headings."""
-        shown = ranking(self.rows).up_to(INTERVALS).shown
+        shown = self.ranking.up_to(tables.INTERVALS).shown
         head = "".join(f'<th title="{escape(c.meaning)}">{escape(c.header)}</th>' for c in shown)
         body = "".join(
             "<tr>" + "".join(f'<td style="text-align: {c.justify}">{escape(c.text(row))}</td>' for c in shown) + "</tr>"
@@ -93,16 +179,16 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
         raise BadInput("no evaluation is named", hint='read_leaderboard("datasets/quickstart/evaluation")')
     runs = {str(one): read_records(Path(one)) for one in evaluations}
     states_in = {run: read_row_states(Path(run), group) for run, group in runs.items()}
-    records = merge_records(runs)
-    rows = rank_methods(records)
+    board = Leaderboard.of(Evaluation(tuple(merge_records(runs)), (), ()))
     if any(states_in.values()):
         states: dict[str, dict[str, str]] = {}  # of each record, by method and data
         for run, group in runs.items():
             for record in group:
                 state, of_row = states_in[run].get(record.method, CLAIMED), states.setdefault(record.method, {})
                 of_row[record.data] = max(state, of_row.get(record.data, state), key=WEIGHT_OF_STATE.index)
-        rows = tuple(replace(row, verified=_join_states(states[row.method].values())) for row in rows)
-    return Leaderboard(rows, tuple(records))
+        rows = (replace(row, verified=_join_states(states[row.method].values())) for row in board)
+        return replace(board, rows=tuple(rows))
+    return board
 
 
 def _join_states(states: Collection[str]) -> str:
