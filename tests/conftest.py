@@ -30,8 +30,9 @@ WORKERS = 8
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that runs the tests of the renderer with another of Mitsuba's variants."""
+    """Add options: a variant of Mitsuba, a file of processor times, and whether pages are rewritten."""
     parser.addoption("--variant", choices=["llvm", "cuda", "scalar"], help="variant that renders in tests")
+    parser.addoption("--accept", action="store_true", help="write what is printed to the pages that show it")
     parser.addoption("--processor-times", type=Path, metavar="FILE", help="add each test's processor seconds")
 
 
