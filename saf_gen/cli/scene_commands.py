@@ -81,9 +81,13 @@ def new_scene_command(
         Path | None,
         typer.Option(
             "--from",
-            help="Exported scene.xml to copy, or mesh (.obj, .ply, .glb, .gltf, .stl) to place; its card is written.",
+            help="Exported scene.xml or .glb with a camera to copy, or mesh (.obj, .ply, .glb, .gltf, .stl) to place;"
+            " its card is written.",
         ),
     ] = None,
+    target: Annotated[
+        str, typer.Option(help="With --from: shape or node to be in focus (default: the middle of the picture).")
+    ] = "",
 ) -> None:
     """Create a scene in ./scenes from a commented template that renders as it is.
 
@@ -97,7 +101,9 @@ def new_scene_command(
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="leave --xml out: --from also takes a scene.xml")
-        written = scene_from_export(exported, name, root=root, notify=left_out.append)
+        written = scene_from_export(exported, name, root=root, target=target, notify=left_out.append)
+    elif target:
+        raise BadInput("--target is given without --from", hint="write the target of a template on its card")
     else:
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:

@@ -40,7 +40,7 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
     with meshes.normals_in_order():
         described = _read_geometry(scene)
     lamps = emitter_names(described)
-    shapes = [name for name, entry in described.items() if _is_shape(entry)] + list(instances_by_shape(described))
+    shapes = shape_names(described)
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
         for name in names:
@@ -54,6 +54,11 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
         if name not in listed:
             raise BadInput(f"the emitter {name!r} belongs to no light group", where=card, hint="list it under lights")
     return described
+
+
+def shape_names(described: Mapping[str, Any]) -> list[str]:
+    """Return the names of the entries that may be a target: shapes, and shapes that instances show."""
+    return [name for name, entry in described.items() if _is_shape(entry)] + list(instances_by_shape(described))
 
 
 def emitter_names(described: Mapping[str, Any]) -> list[str]:

@@ -53,29 +53,32 @@ def depth_and_target(scene):
 
 
 @pytest.mark.parametrize(
-    ("k", "unit_m", "name"),
-    [
-        (1.0, 1.0, ""),
-        (0.2, 1.0, ""),
-        (10.0, 1.0, ""),
-        (100.0, 0.01, "centimetres"),
-        (1000.0, 0.001, "millimetres"),
-        (3000.0, 0.001, "millimetres"),
-        (1e6, 1e-6, "micrometres"),
-        (300.0, 1.0, "0.01 for centimetres or 0.001 for millimetres"),
-    ],
+    ("k", "unit_m"),
+    [(1.0, 1), (0.2, 1), (10.0, 0.1), (100.0, 0.01), (300.0, 1e-3), (1e3, 1e-3), (3e3, 1e-4), (1e6, 1e-6)],
 )
-def test_a_unit_is_guessed_only_if_no_lens_could_blur_the_target_in_metres(own_folder, taken, k, unit_m, name):
+def test_a_scene_in_focus_everywhere_is_made_smaller_by_a_power_of_ten(own_folder, taken, k, unit_m):
     scene, said = taken(write_export(own_folder, PRINT.format(size=0.1 * k), k=k))
     assert scene.card.unit_m == unit_m
-    assert scene.card.camera.origin_m == pytest.approx((0, 0, 0.55 * k * unit_m))
-    units = [line for line in said if line.startswith("units: ")]
-    assert len(units) == bool(name)
-    assert name in "".join(units)
+    distance = 0.55 * k * unit_m
+    assert scene.card.camera.origin_m == pytest.approx((0, 0, distance))
+    drive = scene.build_drive()
+    assert max(float(drive.blur_diameter(p, distance)) for p in (0.0, 1.0)) >= 4 * 20e-6
+    scales = [line for line in said if line.startswith("scale: ")]
+    assert len(scales) == (unit_m != 1)
+    assert f"unit_m: {unit_m:g}, and it is {distance:.3g} m away" in "".join(scales) or unit_m == 1
+
+
+@pytest.mark.parametrize(("radius", "fov"), [(0.001, 18), (0, 110)])
+def test_a_scene_in_focus_everywhere_at_any_scale_is_refused(own_folder, taken, radius, fov):
+    path = write_export(
+        own_folder, PRINT.format(size=9), k=3, kind="thinlens", camera=number("aperture_radius", radius)
+    )
+    path.write_text(path.read_text().replace('"fov" value="18"', f'"fov" value="{fov}"'))
+    assert "and no smaller scale helps" in refusal(taken, path).problem
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])
-def test_the_checks_say_first_that_a_scene_looks_like_millimetres(own_folder, taken, unit_m):
+def test_the_checks_say_first_that_a_smaller_unit_would_do(own_folder, taken, unit_m):
     scene, _ = taken(write_export(own_folder, PRINT.format(size=100), k=1000.0))
     if unit_m == 1:
         card = scene.folder / "scene.yaml"
@@ -86,7 +89,7 @@ def test_the_checks_say_first_that_a_scene_looks_like_millimetres(own_folder, ta
     errors = [f.text for f in found if f.level == "error" and f.check != "licence"]
     if unit_m == 1:
         assert len(errors) == 1
-        assert "the scene looks like millimetres; write unit_m: 0.001" in errors[0]
+        assert "no position of the lens blurs it: write unit_m: 0.001 on the card" in errors[0]
     else:
         assert not [text for text in errors if "unit_m" in text]
 

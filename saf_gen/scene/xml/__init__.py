@@ -24,7 +24,7 @@ from saf_gen.scene.obj_file import counts_from_the_end
 from saf_gen.scene.picture_file import validate_picture
 from saf_gen.scene.ply_file import is_ply, validate_ply
 
-__all__ = ["ALLOWED_PLUGINS", "SceneXml", "read_scene_xml"]
+__all__ = ["ALLOWED_PLUGINS", "Element", "SceneXml", "read_scene_xml"]
 
 MAX_DEPTH = 64  # levels of nested elements
 MAX_BYTES = 1 << 26
@@ -275,6 +275,8 @@ class SceneXml:
         The elements as plain XML, without sensors and integrators. Every object at the top level has an id.
     cameras : str
         The sensors, without their films, as the XML of a separate scene.
+    films : tuple of Element or None
+        The film of each sensor.
     files : tuple of tuple
         All other files that the scene needs: the name relative to its folder, and the path to which it resolves.
     ignored : tuple of Element
@@ -288,6 +290,7 @@ class SceneXml:
     files: tuple[SceneFile, ...]
     ignored: tuple[Element, ...] = ()
     media: tuple[str, ...] = ()
+    films: tuple[Element | None, ...] = ()
 
     def with_copies(self, copies: Mapping[Path, Path]) -> "SceneXml":
         """Return the scene with copies in place of some of its files."""
@@ -346,6 +349,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any], *, convertible: bool =
         tuple(dict.fromkeys(files)),
         tuple(resolver.ignored),
         tuple(dict.fromkeys(_media([*elements, *resolver.cameras]))),
+        tuple(resolver.films),
     )
 
 
@@ -361,14 +365,15 @@ def _media(elements: list[Element]) -> Iterator[str]:
 class _Resolver:
     """Substitutes parameters, replaces includes by the elements that they include, and drops ignored elements.
 
-    ``values``, ``cameras``, ``included`` and ``ignored`` are the parameters, sensors, included files and ignored
-    elements found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
+    ``values``, ``cameras``, ``films``, ``included`` and ``ignored`` are the parameters, sensors, their films, included
+    files and ignored elements found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
     """
 
     def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
         self.folder, self.params = folder, params
         self.values: dict[str, str] = {}
         self.cameras: list[Element] = []
+        self.films: list[Element | None] = []
         self.included: list[SceneFile] = []
         self.ignored: list[Element] = []
         self._count = 0
@@ -381,9 +386,11 @@ class _Resolver:
                     self._fill(element)
                 self.ignored.append(element)
                 continue
+            film = next((inner for inner in element.children if inner.tag == "film"), None)
             self._fill(element)
             if element.tag == "sensor":
                 self.cameras.append(element)
+                self.films.append(film)
             elif element.tag == "include":
                 name, file = resolve_file(element, "filename", folder=self.folder)
                 if file in open_files:
