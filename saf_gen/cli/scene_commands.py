@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 SENSOR = "vidar_400x250"
 SHEETS = (".png", ".svg")
+TITLE_WIDTH = 50
 SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
@@ -63,14 +65,14 @@ def list_scenes_command(
             err.print(escape_controls(f"{folder.resolve()}: {words}"), soft_wrap=True, markup=False)
     columns = [
         Column("scene", "id"),
-        Column("title", "title", folds=True),
-        Column("light groups", "lights", ", ".join, folds=True),
-        Column("roles", lambda card: ", ".join(card.light_roles.values()), folds=True, detail=1),
-        Column("lens", "lens.summary", folds=True),
-        Column("licence", "licence", detail=1),
+        Column("title", "title", str if as_json else lambda title: shorten(title, TITLE_WIDTH, placeholder=" …")),
+        Column("light groups", "lights", ", ".join, detail=1),
+        Column("licence", "licence", detail=2),
+        Column("lens", "lens.summary", detail=3),
+        Column("roles", lambda card: ", ".join(card.light_roles.values()), detail=4),
     ]
     cards = [find_any_scene(name).card for name in scene_names()]
-    print_table(Table(columns, cards), where_to_find="scenes/NAME/scene.yaml has them", as_json=as_json)
+    print_table(Table(columns, cards), where_to_find="saf-gen scenes show NAME has them", as_json=as_json)
 
 
 def new_scene_command(
@@ -212,16 +214,17 @@ def _check(
     from saf_gen.core.finding import Finding
 
     jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
+    complete = 0
     with ExitStack() as undo, progress_bars() as bars:
         task = bars.add_task("check", total=len(jobs))
 
         def report(name: str, done: float) -> None:
-            bars.update(task, description=name)
+            bars.update(task, description=name, completed=complete + done if cluster is None else complete)
 
         ended = run_scene_jobs(jobs, report, cluster=cluster, notify=err.print)
         undo.enter_context(closing(ended))
-        for done, (job, result, error) in enumerate(ended, 1):
-            bars.update(task, completed=done)
+        for complete, (job, result, error) in enumerate(ended, 1):
+            bars.update(task, completed=complete)
             if isinstance(error, BadInput) and cluster is None:
                 raise error
             for finding in (Finding("process", "error", str(error)),) if error else result:

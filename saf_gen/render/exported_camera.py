@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from saf_gen.render import backend, mitsuba_scene
 from saf_gen.render.mitsuba_words import parse_refusal
 from saf_gen.render.pinhole_sight import PinholeSight
 from saf_gen.render.render_setup import SensorGrid
+from saf_gen.render.scene_values import check_values
 from saf_gen.scene.xml import Element, SceneXml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
@@ -98,6 +100,7 @@ def exported_camera(
     """
     backend.activate_backend("scalar")
     described = mitsuba_scene.parse_scene_dict(read.text, path)
+    check_values(described, where=str(path))
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
@@ -127,7 +130,11 @@ def exported_camera(
         target=names,
         distance_m=distance,
         unit_m=unit_m,
-        notes=(*scale_notes, *_left_out(props, others, read=read, film=film, units=units)),
+        notes=(
+            *scale_notes,
+            *_left_out(props, others, read=read, film=film, units=units),
+            *_turned_away(loaded, pose=pose, half=half),
+        ),
     )
 
 
@@ -154,12 +161,33 @@ def _named(target: str, shapes: list[str], *, nodes: Mapping[str, str], path: Pa
     return names
 
 
-def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...], half: float, path: Path) -> float:
-    """Return the median distance (scene units) of a target in a picture of 40 × 25 pixels."""
-    origin, ahead, up = pose
+def _rays(pose: tuple[np.ndarray, ...], *, half: float) -> np.ndarray:
+    """Return the directions of the pixels of a picture of 40 × 25 pixels, float64 (pixel, 3)."""
+    _, ahead, up = pose
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(-1, 1, 40), np.linspace(-1, 1, 25) * 25 / 40))
     rays = ahead + half * (x[:, None] * np.cross(ahead, up) + y[:, None] * up)
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _turned_away(scene: Any, *, pose: tuple[np.ndarray, ...], half: float) -> Iterator[str]:
+    """Yield a line for the shapes that are black because most of what is seen of them is their back side."""
+    seen, backs = Counter[str](), Counter[str]()
+    origin: Any = mi.ScalarPoint3f(pose[0])
+    for direction in _rays(pose, half=half):
+        ray: Any = mi.ScalarVector3f(direction)
+        hit = scene.ray_intersect(mi.Ray3f(origin, ray))
+        if hit.is_valid() and not hit.shape.is_emitter():
+            name = hit.shape.id()
+            seen[name] += 1
+            backs[name] += not mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.BackSide) and hit.wi.z <= 0
+    if names := [name for name, count in seen.items() if 2 * backs[name] > count]:
+        yield f"surfaces that turn their back to the lens are black: {', '.join(names)} (make them twosided)"
+
+
+def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...], half: float, path: Path) -> float:
+    """Return the median distance (scene units) of a target in a picture of 40 × 25 pixels."""
+    origin, ahead, _ = pose
+    rays = _rays(pose, half=half)
     ends = PinholeSight(scene, names).follow(np.tile(origin, (len(rays), 1)), rays)
     if not ends.on_target.any():
         raise BadInput(

@@ -24,7 +24,7 @@ from saf_gen.scene.obj_file import counts_from_the_end
 from saf_gen.scene.picture_file import validate_picture
 from saf_gen.scene.ply_file import is_ply, validate_ply
 
-__all__ = ["ALLOWED_PLUGINS", "Element", "SceneXml", "read_scene_xml"]
+__all__ = ["ALLOWED_PLUGINS", "NOT_RENDERED", "Element", "SceneXml", "read_scene_xml"]
 
 MAX_DEPTH = 64  # levels of nested elements
 MAX_BYTES = 1 << 26
@@ -150,6 +150,17 @@ ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
 """Plug-ins that may be loaded, by element. Mitsuba loads a shared library by its name alone, so only known names are
 allowed. ``blender`` is not, because it reads memory at an address given in the file."""
 
+NOT_RENDERED = {
+    "blackbody": "an <rgb>; the colour of a lamp is stated by the recipe, spectrum: {blackbody: 3000}",
+    "irregular": 'an <rgb>, or <spectrum value="400:0.2, 700:0.8"/>',
+    "regular": 'an <rgb>, or <spectrum value="400:0.2, 700:0.8"/>',
+    "sunsky": "envmap, with a picture of the sky, and directional for the sun",
+    "timed_sunsky": "envmap, with a picture of the sky, and directional for the sun",
+    "directionalarea": "area, directional",
+    "projector": "spot, or area with a bitmap for its radiance",
+}
+"""Plug-ins that need Mitsuba's spectral modes, or whose light the paths of this renderer miss, and what to use."""
+
 OTHER_ELEMENTS = frozenset(
     (
         *("boolean", "integer", "float", "string", "point", "vector", "rgb", "spectrum", "transform", "ref"),
@@ -176,6 +187,8 @@ def vet_element(element: Element, folder: Path, *, convertible: bool = False, in
         raise unknown("element", tag, allowed=known, where=f"{element.file}:{element.line}")
     if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in attributes):
         plugin = require_attribute(element, "type")
+        if plugin in NOT_RENDERED:
+            raise BadInput(f"{plugin} is not rendered", where=element.where, allowed=NOT_RENDERED[plugin])
         if plugin not in ALLOWED_PLUGINS[tag]:
             hint = "no other plug-in is loaded from an XML scene"
             if plugin == "blender":
