@@ -16,6 +16,7 @@ from saf_gen.cli._terminal import (
     ClusterAddress,
     Linear,
     Transfer,
+    at_work,
     err,
     out,
     print_error,
@@ -109,6 +110,15 @@ def new_scene_command(
     else:
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:
+        out.print(line, soft_wrap=True)
+    if exported is not None and "<sensor" in (root / name / "scene.xml").read_text(encoding="utf-8"):
+        from saf_gen.authoring.import_check import compare_with_source
+
+        try:
+            with at_work("rendering the scene beside its source"):
+                line = compare_with_source(root / name)
+        except BadInput as refused:
+            line = f"picture: not compared with that of the source: {refused}"
         out.print(line, soft_wrap=True)
     _trust(root, empty=empty)
     out.print(

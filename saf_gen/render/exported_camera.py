@@ -17,9 +17,9 @@ from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.render.mitsuba_words import parse_refusal
 from saf_gen.render.pinhole_sight import PinholeSight
-from saf_gen.render.render_setup import SensorGrid
-from saf_gen.render.scene_values import check_values
-from saf_gen.scene.xml import Element, SceneXml
+from saf_gen.render.render_setup import SensorGrid, film_dict, render_with_camera
+from saf_gen.render.scene_values import check_values, worst_hue
+from saf_gen.scene.xml import Element, SceneXml, read_scene_xml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
@@ -101,6 +101,7 @@ def exported_camera(
     backend.activate_backend("scalar")
     described = mitsuba_scene.parse_scene_dict(read.text, path)
     check_values(described, where=str(path))
+    hues = worst_hue(described)
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
@@ -134,6 +135,7 @@ def exported_camera(
             *scale_notes,
             *_left_out(props, others, read=read, film=film, units=units),
             *_turned_away(loaded, pose=pose, half=half),
+            *((hues,) if hues else ()),
         ),
     )
 
@@ -194,6 +196,37 @@ def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...
             f"the camera does not see {names[0]!r}", where=str(path), hint="aim it, or choose another target"
         )
     return float(np.median((ends.point[ends.on_target] - origin) @ ahead))
+
+
+def source_picture(path: Path, grid: SensorGrid, *, samples: int) -> np.ndarray:
+    """Return the luminance of what the first perspective camera of a scene sees as a pinhole, float32 (row, col).
+
+    Mitsuba renders it in RGB, with light along paths of up to six segments, and with the width of the file's picture.
+
+    Raises BadInput if the scene cannot be read or has no such camera.
+    """
+    backend.activate_backend("scalar")
+    read = read_scene_xml(path, {})
+    described = mitsuba_scene.parse_scene_dict(read.text, path)
+    lamps = tuple(mitsuba_scene.emitter_names(described))
+    loaded, integrator = mitsuba_scene.load_lit_scene(described, lamps, max_depth=6, where=str(path))
+    props, film, _ = _first_camera(read, path)
+    pose = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
+    pose[:, :3] /= np.linalg.norm(pose[:, :3], axis=0)  # a camera may be scaled, and Mitsuba refuses that
+    kept = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
+    camera = mi.load_dict(
+        {
+            "type": "perspective",
+            **{key: props[key] for key in kept if key in props},
+            "to_world": mi.ScalarTransform4f(pose.tolist()),
+            "fov_axis": "x",
+            "fov": _field_of_view(props, _film_size(film), path=path),
+            "film": film_dict(grid),
+            "sampler": {"type": "independent", "sample_count": samples},
+        }
+    )
+    image = render_with_camera(loaded, camera, integrator=integrator, samples=samples)
+    return image.reshape(grid.rows, grid.columns)
 
 
 MIN_BLUR_PX = 4.0  # at an end of the travel that the card gets; with less, no method finds the focus

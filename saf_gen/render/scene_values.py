@@ -18,7 +18,8 @@ LIGHT = frozenset({"radiance", "irradiance", "intensity"})
 REFLECTANCE = frozenset({"reflectance", "base_color", "diffuse_reflectance", "specular_reflectance"})
 FLOATS = (".exr", ".hdr", ".pfm")
 """Endings of pictures that can have any value; those of others are 0 to 1."""
-ROUNDING = 1e-3
+ROUNDING, HUE = 1e-3, 0.01
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def check_values(described: Mapping[str, Any], *, where: str) -> None:
@@ -72,6 +73,50 @@ def check_meshes(scene: Any, described: Mapping[str, Any], *, where: str) -> Non
                 where=where,
                 hint="export it without normals",
             )
+
+
+def worst_hue(described: Mapping[str, Any]) -> str:
+    """Return a line about the lamp and the surface whose product of luminances is farthest from that of colours, or ''.
+
+    Colours of numbers and the mean colours of pictures count, if a hundredth of white light is at stake.
+    """
+    colours: dict[str, list[tuple[str, np.ndarray]]] = {"light": [], "reflectance": []}
+    for path, value in _walk(described):
+        if role := _role(path):
+            values = _mean_colour(value)
+            if values is not None and values.max() > 0 and np.ptp(values) > HUE * values.max():
+                colours[role].append((path[0], values))
+    worst, line = HUE, ""
+    for lamp, light in colours["light"]:
+        for surface, reflectance in colours["reflectance"]:
+            here, truth = LUMINANCE @ reflectance, LUMINANCE @ (light * reflectance) / (LUMINANCE @ light)
+            if abs(here - truth) > worst:
+                worst = abs(here - truth)
+                line = (
+                    f"colour: the lamp {lamp!r} and the surface {surface!r} both have a hue, and luminances are "
+                    f"multiplied: the surface reflects {here:.2f} of this light, in truth {truth:.2f}"
+                )
+    return line
+
+
+def _mean_colour(value: Any) -> np.ndarray | None:
+    """Return the linear red, green and blue of a colour, or of a picture in its mean."""
+    if isinstance(value, dict):
+        file = value.get("filename")
+        if value.get("type") != "bitmap" or not isinstance(file, str):
+            return None
+        picture = read_picture(str(mi.file_resolver().resolve(file)))  # type: ignore[operator]
+        if value.get("raw"):
+            picture.set_srgb_gamma(False)
+        linear = picture.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+        return np.array(linear).reshape(-1, 3).mean(axis=0, dtype=np.float64)
+    if len(getattr(value, "wavelengths", ())):
+        return np.array(mi.spectrum_list_to_srgb(list(value.wavelengths), list(value.values), bounded=False, d65=True))
+    try:
+        values = np.array(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError, RuntimeError):
+        return None
+    return values if values.shape == (3,) else None
 
 
 def _walk(entry: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
