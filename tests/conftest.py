@@ -5,12 +5,14 @@ import gc
 import importlib
 import os
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import own_cores  # noqa: F401, first, because libraries count the cores when they are imported
 import pytest
 from inline_jobs import run_jobs_inline
+from processor_time import ProcessorTime
 from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 from saf_gen.authoring import jobs
@@ -30,12 +32,14 @@ WORKERS = 8
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that runs the tests of the renderer with another of Mitsuba's variants."""
     parser.addoption("--variant", choices=["llvm", "cuda", "scalar"], help="variant that renders in tests")
+    parser.addoption("--processor-times", type=Path, metavar="FILE", help="add each test's processor seconds")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Tell the helpers of tests, which are imported later, also by commands that tests start."""
     if variant := config.getoption("variant"):
         os.environ["SAF_GEN_TEST_VARIANT"] = variant
+    config.pluginmanager.register(ProcessorTime(config.getoption("processor_times")))
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -46,12 +50,23 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return min(usable_cores(), WORKERS)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the renderer's tests first, so that one process compiles its kernels while others run other tests.
+    """Leave most cases of a test that is marked ``daily`` to the night, and put the renderer's tests first.
 
-    Each process starts with a different section of this order. If two compiled the same kernel at the same time,
-    one of them would waste its time.
+    The cases that run daily are spread evenly. Renders come first, so that one process compiles their kernels while
+    others run other tests: each process starts with a different section of this order.
     """
+    cases = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("daily"):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    for of_test in cases.values():
+        (count,) = of_test[0].get_closest_marker("daily").args
+        daily = {n * len(of_test) // count for n in range(count)}
+        for n, item in enumerate(of_test):
+            if n not in daily:
+                item.add_marker("long")
     items.sort(key=lambda item: HERE / "render" not in item.path.parents)
 
 

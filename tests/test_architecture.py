@@ -45,7 +45,6 @@ IMPORTERS = {
     "tifffile": ["stream.interop.image_pages"],
     "jinja2": ["leaderboard.report"],
     "distributed": ["core.execution.dask_cluster", "core.execution.dask_connection"],
-    "multiprocessing": ["core.execution.executor", "core.execution.worker_pool"],
     "trimesh": ["authoring.meshes"],
     "emva1288": [],
     "gymnasium": ["benchmark.gym"],

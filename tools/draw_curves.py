@@ -23,7 +23,7 @@ from PIL import Image
 from saf_gen.benchmark.evaluate import score_blocks
 from saf_gen.core.figure_style import BAND, COLOURS, DASHES, GREY, INK, STYLE
 from saf_gen.core.files import atomic_file
-from saf_gen.leaderboard.sweep_lines import normalise
+from saf_gen.leaderboard.report.charts import normalise
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 MEASURES = ("sd", "er_sumsq", "mfdct_code")

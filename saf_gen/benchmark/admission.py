@@ -182,8 +182,12 @@ def _folder_spec(text: str, held: MethodFolder) -> GuestSpec:
 
 def _guest_spec(text: str, parsed: Sequence[Half]) -> GuestSpec:
     (measure, search), shown, folders = make_absolute_halves(parsed)
-    files = [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
-    return GuestSpec(text, measure, search, tuple(files), tuple(folders), tuple(shown.items()))
+    return GuestSpec(text, measure, search, tuple(files_of(shown)), tuple(folders), tuple(shown.items()))
+
+
+def files_of(shown: Iterable[str]) -> list[str]:
+    """Return the files that absolute paths in the names of plug-ins name, each itself or before a colon."""
+    return [absolute if _is_file(absolute) else absolute.rpartition(":")[0] for absolute in shown]
 
 
 def make_absolute_halves(parsed: Sequence[Half]) -> tuple[list[Half], dict[str, str], list[str]]:

@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any
 
 from saf_gen.benchmark import conformance
-from saf_gen.benchmark.admission import KINDS, admit_method, codes_of, is_foreign, make_absolute_halves
+from saf_gen.benchmark.admission import KINDS, admit_method, codes_of, files_of, is_foreign, make_absolute_halves
 from saf_gen.benchmark.guests.host import GuestLost, GuestProcess, Limits
 from saf_gen.benchmark.method_folder import folder_name
 from saf_gen.benchmark.method_spec import (
@@ -30,7 +30,7 @@ from saf_gen.errors import BadInput
 
 CHECK_LIMITS = Limits(run_s=60.0)
 """Limits of a process that checks plug-ins; each check ends after 30 s, unless it does not run Python."""
-PROGRAM = "saf_gen.benchmark.check_process"
+PROGRAM = "saf_gen.benchmark.check_process:serve"
 BRIEF_S = 10.0
 """Time that an evaluation spends on the checks of a measure or search."""
 
@@ -59,11 +59,11 @@ def describe_by_name(name: str) -> list[PluginDescription]:
         parts = conformance.find_parts(halves)
         return [describe_plugin(text, kind, plug_in=parts[kind]) for text, kind in zip(texts, parts, strict=True)]
     try:
-        guest, shown = _start_checks(halves, limits=CHECK_LIMITS)
+        guest, hello, shown = _start_checks(halves, limits=CHECK_LIMITS)
     except GuestLost as lost:
         raise BadInput(to_one_line(f"{name!r} cannot be loaded: {lost}"), hint="repair it") from lost
     guest.close()
-    said = [_spelled(one, shown) for one in guest.hello.get("plugins", [])]
+    said = [_spelled(one, shown) for one in hello.get("plugins", [])]
     kinds = KINDS if len(halves) == 2 else [kind for kind in KINDS if any(one["plugin_kind"] == kind for one in said)]
     return [take_description(text, kind, said=said) for text, kind in zip(texts, kinds, strict=True)]
 
@@ -128,14 +128,19 @@ def _are_foreign(halves: Sequence[Half]) -> bool:
 
 def _start_checks(
     halves: Sequence[Half], kind: str = "", *, limits: Limits, hear: Callable[[str], object] = lambda said: None
-) -> tuple[GuestProcess, dict[str, str]]:
-    """Return a process that can check these plug-ins, and their absolute paths with the spelling of the user."""
+) -> tuple[GuestProcess, dict[str, Any], dict[str, str]]:
+    """Return a process that checks these plug-ins, how it describes them, and their paths as the user spells them."""
     for half in halves:
         for code in codes_of(half):
             check_code_allowed(code)
     loaded, shown, folders = make_absolute_halves(halves)
     order = {"halves": loaded, "kind": kind}
-    return GuestProcess(order, folders, limits=limits, program=PROGRAM, hear=hear), shown
+    process = GuestProcess(order, folders, files=files_of(shown), limits=limits, program=PROGRAM, hear=hear)
+    try:
+        return process, process.load(), shown
+    except BaseException:
+        process.close()
+        raise
 
 
 def _findings(
@@ -143,7 +148,7 @@ def _findings(
 ) -> Generator[Finding]:
     """Yield the results of the checks of plug-ins, which run in a process of their own; BadInput comes at once."""
     try:
-        process, shown = _start_checks(halves, kind, limits=limits, hear=hear)
+        process, _, shown = _start_checks(halves, kind, limits=limits, hear=hear)
     except GuestLost as lost:
         found = _end_of_process(f"while it was loaded, {lost}")
         return (one for one in [found])

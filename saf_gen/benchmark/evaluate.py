@@ -4,9 +4,7 @@ A method is a focus measure and a search. It sees windows of the recording throu
 cost and the judgement stay with the evaluator, in the folder ``tracks``. Streams without truth are searched, too.
 """
 
-import hashlib
-import json
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -16,14 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.benchmark.admission import admit_measure, describe_undeclared
-from saf_gen.benchmark.guests.guest import PACKAGE
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
 from saf_gen.benchmark.plugin_description import describe_plugins
-from saf_gen.benchmark.records import READ_LATE, Record
-from saf_gen.benchmark.results import Drawn, Evaluation, LateFile, SequenceFailure
-from saf_gen.benchmark.search_run import to_one_line
+from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
     MethodGroups,
@@ -214,18 +209,19 @@ def evaluate(
             where=str(path),
         )
     in_order = [parts[number] for number in sorted(parts)]
-    late = tuple(sorted({file for part in in_order for file in part.read_late}))
     return Evaluation(
         records=tuple(
-            replace(record, failed_check=failed[record.code]) if record.code in failed else record
-            for record in note_late_files([record for part in in_order for record in part.records], late)
+            replace(record, who=replace(record.who, failed_check=failed[record.who.code]))
+            if record.who.code in failed
+            else record
+            for part in in_order
+            for record in part.records
         ),
         sweeps=tuple(sweep for part in in_order for sweep in part.sweeps),
         failures=tuple(failures[number] for number in sorted(failures)),
         lens_paths=tuple(lens_path for part in in_order for lens_path in part.lens_paths),
         plugins=describe_plugins(chosen.values()),
         curves=tuple(curve for part in in_order for curve in part.curves),
-        read_late=late,
     )
 
 
@@ -238,28 +234,6 @@ def _check_guests(methods: Iterable[Method]) -> dict[str, str]:
 
     failed = {code: first_failed_check(method) for code, method in guests.items()}
     return {code: check for code, check in failed.items() if check}
-
-
-def note_late_files(records: Sequence[Record], late: Sequence[LateFile]) -> Iterator[Record]:
-    """Yield records whose notes name the files that their methods read late, and a digest of their contents.
-
-    All records of a method have the same note, because it may have kept what it read for another sequence.
-    """
-    notes = {}
-    late = [file for file in late if not Path(file.path).is_relative_to(PACKAGE)]  # records state its version
-    for method in {file.method for file in late}:
-        own = [file for file in late if file.method == method]
-        names = list(dict.fromkeys(Path(file.path).name for file in own))
-        more = f" and {len(names) - NAMED_LATE_FILES} more" if len(names) > NAMED_LATE_FILES else ""
-        contents = sorted((Path(file.path).name, file.digest) for file in own)
-        digest = hashlib.sha256(json.dumps(contents).encode()).hexdigest()[:12]
-        notes[method] = to_one_line(f"{READ_LATE}{', '.join(names[:NAMED_LATE_FILES])}{more} ({digest})")
-    for record in records:
-        note = notes.get(record.method)
-        yield record if note is None else replace(record, note="; ".join(filter(None, (record.note, note))))
-
-
-NAMED_LATE_FILES = 3
 
 
 EndedSequence = tuple[int, Evaluation | None, Exception | None]

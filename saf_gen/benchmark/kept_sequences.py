@@ -20,10 +20,9 @@ import numpy as np
 
 from saf_gen import __version__
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
-from saf_gen.benchmark.guests.guest import is_as_read
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LateFile, LensPath, SweepSummary
+from saf_gen.benchmark.records import Judgement, Record, What, Who
+from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.tasks import SequenceTask
@@ -41,13 +40,15 @@ _KINDS = {
     for kind in (
         Evaluation,
         Record,
+        Who,
+        What,
+        Judgement,
         AssessedCurve,
         CurveQuality,
         SweepSummary,
         FocusCurve,
         Thumbnails,
         LensPath,
-        LateFile,
     )
 }
 FORMAT = {
@@ -133,16 +134,9 @@ class KeptSequences:
             self.write()
 
     def reuse(self, task: SequenceTask, *, draw: Drawn) -> Evaluation | None:
-        """Return the result of a sequence from an earlier run of the same methods on the same files, or None.
-
-        Files that a method read only when it was called are not in its ``code``; they must be the same, too.
-        """
-        key = self._key(task, draw)
-        result = self._found.get(key)
-        if result is None or not all(is_as_read(late.path, late.digest) for late in result.read_late):
-            return None
-        del self._found[key]
-        self.reused += 1
+        """Return the result of a sequence from an earlier run of the same methods on the same files, or None."""
+        result = self._found.pop(self._key(task, draw), None)
+        self.reused += result is not None
         return result
 
     def keep(self, task: SequenceTask, result: Evaluation, *, draw: Drawn) -> None:
@@ -157,7 +151,7 @@ class KeptSequences:
 
     def count_left_over(self) -> Counter[str | None]:
         """Return the number of results of each split that were not taken over."""
-        return Counter(result.records[0].split for result in self._found.values() if result.records)
+        return Counter(result.records[0].what.split for result in self._found.values() if result.records)
 
     def write(self) -> None:
         """Write the results that are not on disk yet; raise BadInput if the file cannot be written."""

@@ -19,13 +19,14 @@ from typing import Any, ClassVar, Protocol
 from pydantic import ConfigDict
 
 from saf_gen.benchmark.method_folder import CARD, MethodCard, ends_as_folder, file_in, folder_name, read_card
-from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.benchmark.records import Count, Number, Who, pop_format
 from saf_gen.benchmark.view.operations import DeclaredCost
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.config.registry import FORM_SUFFIXES, names, plugin_class, refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
+from saf_gen.core.cores import describe_machine
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import Answer, Measure, Search, wants_measures
@@ -69,6 +70,8 @@ DEFAULT_CLOSED_LOOP_METHODS = (
 )
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
 
+MAX_STATED = 4000
+"""Largest number of characters in which a record states a measure, or a search, with its options."""
 TUNING_FORMAT = "saf-gen tuning 1"
 TUNE_HINT = "make it with saf-gen tune"
 
@@ -85,7 +88,6 @@ class MethodGuest(Protocol):
     cost: DeclaredCost
     plugins: list[dict[str, Any]]
     search_options: dict[str, Any]
-    read_late: set[tuple[str, str]]
 
     def run(self, view: Any, *, scorer: MeteredScorer, stream_path: str = "") -> tuple[Answer, str]: ...
 
@@ -128,15 +130,37 @@ class Method:
 
     @property
     def parameters(self) -> str:
-        """Measure and search with every option, in the form that records store."""
-        return f"{self.measure!r} + {self.search!r}"
+        """Measure and search with every option, in the form that records store; long options by length and digest."""
+        return f"{_state(self.measure)} + {_state(self.search)}"
 
-    @property
-    def record_fields(self) -> dict[str, str]:
-        """Fields of a record that say which method it is of."""
-        limits = str(self.guest.limits) if self.guest else ""
-        named = {"method": self.name, "code": self.code, "parameters": self.parameters}
-        return named | {"limits": limits, "tuning": self.tuning}
+    def who(self, region: str) -> Who:
+        """Return what records say of the method, if it runs on this machine and looks at a region."""
+        return Who(
+            self.name,
+            self.code,
+            region,
+            self.parameters,
+            limits=str(self.guest.limits) if self.guest else "",
+            tuning=self.tuning,
+            machine=describe_machine(),
+        )
+
+
+def _state(part: Any) -> str:
+    """Return a measure or a search with its options, in at most MAX_STATED characters, because every record has it."""
+    text = repr(part)
+    if len(text) > MAX_STATED and is_dataclass(part):
+        values = {field.name: getattr(part, field.name) for field in fields(part)}
+        stated = {name: _state(one) if is_dataclass(one) else shorten(repr(one)) for name, one in values.items()}
+        text = f"{type(part).__qualname__}({', '.join(f'{name}={one}' for name, one in stated.items())})"
+    return shorten(text, MAX_STATED)
+
+
+def shorten(text: str, limit: int = 500) -> str:
+    """Return a text or, if it is longer than ``limit``, its number of characters and 12 digits of their SHA-256."""
+    if len(text) <= limit:
+        return text
+    return f"<{len(text):,} characters, {hashlib.sha256(text.encode(errors='backslashreplace')).hexdigest()[:12]}>"
 
 
 def options_of(search: Any) -> dict[str, Any]:
@@ -306,6 +330,12 @@ def split_halves(name: str) -> list[str]:
         if all("+" not in half or ".py:" in half.rpartition("+")[2] for half in halves):
             return halves
     return pieces
+
+
+def measure_and_search(name: str) -> tuple[str, str]:
+    """Return the measure and the search of a method with their options, or the name and '' for predictions."""
+    measure, *search = split_halves(name)
+    return measure, search[0] if search else ""
 
 
 def split_options(half: str) -> tuple[str, str]:

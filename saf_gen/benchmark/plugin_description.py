@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import cleandoc
 from typing import Any
 
-from saf_gen.benchmark.method_spec import Method, parse_method, split_halves, split_options, split_region
+from saf_gen.benchmark.method_spec import Method, parse_method, shorten, split_halves, split_options, split_region
 from saf_gen.benchmark.records import Record
 from saf_gen.core.config.registry import FORM_SUFFIXES, build_plugin, is_builtin_name, names, plugin_class
 from saf_gen.core.config.source_digest import class_source_files
@@ -101,7 +101,7 @@ def take_description(half: str, kind: str, *, said: Iterable[Any]) -> PluginDesc
 
 def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
     """Return descriptions of the plug-ins in records, if saf_gen contains them with the code that made the records."""
-    recorded = {record.method: record.code for record in records}
+    recorded = {record.who.method: record.who.code for record in records}
     methods = []
     for name, code in recorded.items():
         halves = [split_options(half)[0] for half in split_halves(split_region(name)[0])]
@@ -218,8 +218,8 @@ def _options(plug_in: Any) -> Iterator[str]:
 
 
 def _format_option(value: object) -> str:
-    """Return a value in the spelling that names of methods use."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    """Return a value in the spelling that names of methods use; a long one by its length and digest."""
+    return str(value).lower() if isinstance(value, bool) else shorten(str(value))
 
 
 def _input(measure: Any) -> str:

@@ -71,16 +71,6 @@ class LensPath:
     """Why the method failed, or ''."""
 
 
-@dataclass(frozen=True, order=True)
-class LateFile:
-    """A file that a method of others read only when it was called."""
-
-    method: str
-    path: str
-    digest: str
-    """SHA-256 of its content; '' if there was no such file."""
-
-
 @dataclass(frozen=True)
 class SequenceFailure:
     """A sequence that could not be evaluated, and why."""
@@ -107,8 +97,6 @@ class Evaluation:
         Descriptions of the measures and searches of the methods, as far as their code is available.
     curves : tuple of AssessedCurve
         Quality of the focus curves of all sequences.
-    read_late : tuple of LateFile
-        Files that methods of others read only when they were called, and that their ``code`` does not cover.
     """
 
     records: tuple[Record, ...]
@@ -117,4 +105,3 @@ class Evaluation:
     lens_paths: tuple[LensPath, ...] = ()
     plugins: tuple[PluginDescription, ...] = ()
     curves: tuple[AssessedCurve, ...] = ()
-    read_late: tuple[LateFile, ...] = ()

@@ -15,7 +15,7 @@ from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.judgement import judged_dof, lens_position
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LateFile, LensPath, SweepSummary
+from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.tracks.predictions import PredictionSet
 from saf_gen.benchmark.tracks.recorded import evaluate_recorded
 from saf_gen.benchmark.tracks.tasks import SequenceTask
@@ -141,16 +141,7 @@ def evaluate_sequence(
     curves = tuple(assess_curves(sweeps))
     if not draw:
         sweeps, lens_paths = [], []
-    late = {
-        LateFile(method.name, *file)
-        for group in groups.values()
-        for method in group
-        if method.guest is not None
-        for file in method.guest.read_late
-    }
-    return Evaluation(
-        tuple(records), tuple(sweeps), (), tuple(lens_paths), curves=curves, read_late=tuple(sorted(late))
-    )
+    return Evaluation(tuple(records), tuple(sweeps), (), tuple(lens_paths), curves=curves)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rich.table
 from rich import box
@@ -16,10 +16,6 @@ from saf_gen.cli._terminal import out
 from saf_gen.core.files import write_text
 from saf_gen.core.table import Column, Table
 from saf_gen.errors import escape_controls
-
-if TYPE_CHECKING:
-    from saf_gen.benchmark.records import Record
-    from saf_gen.leaderboard import LeaderboardRow
 
 PROSE_WIDTH = 22
 """Least width of a folded column in characters, unless all its texts are shorter."""
@@ -63,23 +59,13 @@ def print_facts(facts: Mapping[str, str], *, title: str = "") -> None:
     print_table(Table([Column("", itemgetter(0)), Column("", itemgetter(1), folds=True)], list(facts.items()), title))
 
 
-def print_leaderboard(rows: "Sequence[LeaderboardRow]", *, title: str, records: "Sequence[Record]" = ()) -> None:
-    """Print the columns of a leaderboard that fit, what its names mean, and the notes that apply to ``records``."""
-    from saf_gen.leaderboard.notes import notes_on
-    from saf_gen.leaderboard.tables import ranking
+def print_leaderboard(table: Table, *, names: Mapping[str, str], notes: Iterable[str] = ()) -> None:
+    """Print the columns of a leaderboard that fit, what the short ``names`` in it mean, and notes."""
+    from saf_gen.leaderboard.results import list_names
 
-    print_table(ranking(rows, title=title), where_to_find="leaderboard.md and the page show them, and a larger COLUMNS")
-    print_names(row.method for row in rows)
-    for note in notes_on(rows, records) if records else ():
-        out.print(note)
-
-
-def print_names(methods: Iterable[str]) -> None:
-    """Print what the short names in these names of methods stand for, as one paragraph."""
-    from saf_gen.leaderboard.short_names import name_list
-
-    if names := name_list(methods):
-        out.print(names)
+    print_table(table, where_to_find="leaderboard.md and the page show them, and a larger COLUMNS")
+    for line in (*([list_names(names)] if names else []), *notes):
+        out.print(line)
 
 
 def to_objects(table: Table) -> list[dict[str, str]]:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
 from rich.segment import Segment
 from rich.table import Column
 from rich.text import Text
@@ -75,11 +75,20 @@ def print_error(line: str, code: int) -> int:
     return code
 
 
+class _OneLine(TextColumn):
+    """The description of a task, on one line whatever it names."""
+
+    def render(self, task: Task) -> Text:
+        text = super().render(task)
+        text.plain = escape_controls(text.plain)
+        return text
+
+
 @contextmanager
 def progress_bars() -> Iterator[Progress]:
     """Yield progress bars with the time left, on stderr so that stdout stays clean for pipes."""
     columns = (
-        TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
+        _OneLine("{task.description}", markup=False, table_column=Column(overflow="fold")),
         BarColumn(bar_width=16, table_column=Column(min_width=4)),
         TextColumn("{task.percentage:>3.0f} %", table_column=Column(min_width=5)),
         TimeRemainingColumn(elapsed_when_finished=True, table_column=Column(min_width=7)),
@@ -95,7 +104,7 @@ def at_work(what: str) -> Iterator[None]:
 
     def say() -> None:
         while not done.wait(AT_WORK_EVERY_S):
-            err.print(f"{what}: at work for {monotonic() - begun:.0f} s")
+            err.print(f"{escape_controls(what)}: at work for {monotonic() - begun:.0f} s")
 
     speaker = threading.Thread(target=say, daemon=True)
     speaker.start()
@@ -120,6 +129,6 @@ def terminal_reporter(verb: str, bars: Progress, *, parts: int = 0) -> Callable[
         before, ended = ended, done * parts // total
         if not err.is_terminal and ((ended > before and parts > 1) or monotonic() - printed >= LOG_EVERY_S):
             printed = monotonic()
-            err.print(f"{verb} {done / total:.0%}: {what}")
+            err.print(escape_controls(f"{verb} {done / total:.0%}: {what}"))
 
     return report

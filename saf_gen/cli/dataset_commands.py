@@ -104,7 +104,7 @@ def _make(plan: "Plan", *, workers: int, variant: str, cluster: str | None, clos
             if done >= 1:  # thousands of finished bars would hide the moving ones and slow the run down
                 finished.add(name)
                 bars.remove_task(tasks.pop(name))
-                err.print(f"done: {name}")
+                err.print(escape_controls(f"done: {name}"))
 
         result = run_plan(plan, workers=workers, variant=variant, cluster=cluster, report=report, tell=err.print)
     out.print(

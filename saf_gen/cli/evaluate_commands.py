@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,10 +89,10 @@ def evaluate_command(
     from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_on_disk, check_writable, lock_folder
-    from saf_gen.leaderboard import rank_methods
-    from saf_gen.leaderboard.outcomes import describe_size
+    from saf_gen.leaderboard import Leaderboard
+    from saf_gen.leaderboard.ranking import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
-    from saf_gen.leaderboard.report.delivered import picture_answers
+    from saf_gen.leaderboard.report.pictures import picture_answers
     from saf_gen.stream.sample_dataset import SAMPLE, sample
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
@@ -126,31 +127,28 @@ def evaluate_command(
                 limits=limits,
                 tell=err.print,
             )
-        print_kept(kept, splits={record.split for record in result.records})
-        rows = rank_methods(result.records)
-        title = data.resolve().name
-        delivered = picture_answers(selection.tasks, result.records, rows=rows)
-        written = write_evaluation(target, rows=rows, evaluation=result, title=title, delivered=delivered)
+        print_kept(kept, splits={record.what.split for record in result.records})
+        board = Leaderboard.of(result)
+        delivered = picture_answers(selection.tasks, board)
+        written = write_evaluation(target, board, title=data.resolve().name, delivered=delivered)
         kept.remove()
-    regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
-    print_leaderboard(  # after writing files, because a pipe that closes early, as with `| head`, ends the program
-        rows,
-        records=result.records,
-        title=f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}",
-    )
+    regions = " and ".join(sorted({record.who.region for record in result.records}, reverse=True))
+    title = f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}"
+    # after writing files, because a pipe that closes early, as with `| head`, ends the program
+    print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
     print_written(written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     broke = [record for record in result.records if record.broke]
-    print_broken(broke, runs=Counter(record.method for record in result.records))
+    print_broken(broke, runs=Counter(record.who.method for record in result.records))
     if result.failures or broke:
         raise typer.Exit(1)
 
 
 def print_broken(broke: "Sequence[Record]", runs: Mapping[str, int] | None = None) -> None:
     """Print a line on stderr for each method whose code broke in one of its ``runs``."""
-    for method, count in Counter(record.method for record in broke).items():
-        why = next(record.note for record in broke if record.method == method)
+    for method, count in Counter(record.who.method for record in broke).items():
+        why = next(record.judgement.note for record in broke if record.who.method == method)
         of = f"{count} of {plural(runs[method], 'sequence')}" if runs else plural(count, "run")
         print_error(f"{method} failed on {of}: {why}", 1)
 

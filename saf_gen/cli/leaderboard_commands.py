@@ -1,6 +1,7 @@
 """The commands of the group ``leaderboard``, and the command ``tune``."""
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,7 +32,6 @@ def merge_command(
 ) -> None:
     """Rank the methods of several evaluations in one table, if their data and code agree."""
     from saf_gen.benchmark.plugin_description import describe_recorded
-    from saf_gen.benchmark.results import Evaluation
     from saf_gen.core.files import check_writable, lock_folder
     from saf_gen.leaderboard import read_leaderboard
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
@@ -48,12 +48,12 @@ def merge_command(
     board = read_leaderboard(*runs)
     written = None
     if folder is not None:
-        evaluation = Evaluation(records=board.records, sweeps=(), failures=(), plugins=describe_recorded(board.records))
+        board = replace(board, evaluation=replace(board.evaluation, plugins=describe_recorded(board.records)))
         with lock_folder(folder):
-            written = write_evaluation(folder, rows=board.rows, evaluation=evaluation, title=folder.resolve().name)
-    splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
+            written = write_evaluation(folder, board, title=folder.resolve().name)
+    splits = dict.fromkeys(record.what.split for record in board.records if record.what.split is not None)
     title = f"{board.size}, {plural(len(runs), 'evaluation')}{f', {name_splits(splits)}' if splits else ''}"
-    print_leaderboard(board, records=board.records, title=title)
+    print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
     if written is not None:
         print_written(written)
 
@@ -89,14 +89,14 @@ def verify_evaluation_command(
     from saf_gen.benchmark.records import read_records
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.core.files import check_writable
-    from saf_gen.leaderboard.outcomes import describe_size
+    from saf_gen.leaderboard.ranking import describe_size
     from saf_gen.leaderboard.rerun import verify
     from saf_gen.leaderboard.verification import DIFFERS, PROVES, RERUN_HERE, write_verification
 
     records = read_records(folder)
     first = records[0]
-    rate = None if first.track == "recorded" else ClosedLoopProtocol.rate_in(first.terms) or 0.0
-    protocol = protocol_from_options(first.track, actuator=actuator, budget=budget, sweep=sweep, op_rate=rate)
+    rate = None if first.what.track == "recorded" else ClosedLoopProtocol.rate_in(first.what.terms) or 0.0
+    protocol = protocol_from_options(first.what.track, actuator=actuator, budget=budget, sweep=sweep, op_rate=rate)
     folder = folder if folder.is_dir() else folder.parent
     check_writable(folder)
     with progress_bars() as bars:
@@ -110,7 +110,7 @@ def verify_evaluation_command(
         )
     path = write_verification(folder, found)
     columns = Column("method", "method"), Column("row", "state"), Column("why", "reason", folds=True)
-    splits = dict.fromkeys(record.split for record in records if record.split is not None)
+    splits = dict.fromkeys(record.what.split for record in records if record.what.split is not None)
     covered = filter(None, (describe_size(records), name_splits(splits) if splits else "", scene_motion))
     print_table(Table(columns, found.verdicts, ", ".join(covered)), as_json=as_json)
     if not as_json:
@@ -151,6 +151,8 @@ def tune_command(
     from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
     from saf_gen.core.files import check_ours, check_writable, write_text
+    from saf_gen.leaderboard.results import spell_out_names
+    from saf_gen.leaderboard.tables import ranking
     from saf_gen.leaderboard.tuning import tune as run
     from saf_gen.stream.manifest import read_manifest
 
@@ -178,9 +180,9 @@ def tune_command(
             notify=err.print,
         )
     print_kept(kept, splits={split})
-    print_leaderboard(
-        rows[:20], title=f"{plural(len(rows), 'trial')}, {plural(tuned.sequences, 'sequence')} of {split}"
-    )
+    title = f"{plural(len(rows), 'trial')}, {plural(tuned.sequences, 'sequence')} of {split}"
+    names = spell_out_names(row.method for row in rows[:20])
+    print_leaderboard(replace(ranking(rows[:20]), title=title), names=names)
     write_text(file, format_tuned(tuned))
     kept.remove()
     if trials is not None and len(rows) < trials:

@@ -8,6 +8,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from operator import attrgetter, itemgetter
 from typing import Any, Literal
@@ -95,7 +96,7 @@ class Table:
         """Return a table of rows of plain values, one for each heading."""
         return cls([Column(header, itemgetter(n)) for n, header in enumerate(headers)], list(rows), title)
 
-    @property
+    @cached_property
     def shown(self) -> list[Column]:
         """Columns for readers: without those for programs, and optional ones whose values are all unknown."""
         return [

@@ -7,8 +7,7 @@ sequences. Methods with equal success share a rank. Confidence intervals show wh
 given scenes.
 """
 
-from saf_gen.leaderboard.files import write_leaderboard
+from saf_gen.leaderboard.board import Leaderboard, read_leaderboard
 from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.reading import Leaderboard, read_leaderboard
 
-__all__ = ["Leaderboard", "LeaderboardRow", "rank_methods", "read_leaderboard", "write_leaderboard"]
+__all__ = ["Leaderboard", "LeaderboardRow", "rank_methods", "read_leaderboard"]

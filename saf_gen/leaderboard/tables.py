@@ -12,11 +12,16 @@ from saf_gen.benchmark.records import RECORDS_FILE
 from saf_gen.benchmark.view.operations import OVER_DECLARED
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import UNKNOWN, Column, Table, percent
-from saf_gen.leaderboard.axes import AxisResults, Bin
-from saf_gen.leaderboard.method_comparison import NeighbourComparison, Profile
-from saf_gen.leaderboard.notes import SceneGrain
-from saf_gen.leaderboard.outcomes import FALSE_ABSTENTION_COST, group_by, median_magnitude
-from saf_gen.leaderboard.ranking import LEAST_TIMED_S, LeaderboardRow
+from saf_gen.leaderboard.ranking import (
+    FALSE_ABSTENTION_COST,
+    LEAST_TIMED_S,
+    LeaderboardRow,
+    NeighbourComparison,
+    Profile,
+    group_by,
+    median_magnitude,
+)
+from saf_gen.leaderboard.results import AxisResults, Bin, SceneGrain
 
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
 """Levels of detail of the columns of a ranking; if space is short, columns of the highest level are left out first."""
@@ -48,19 +53,20 @@ def _interval(
 # --- ranking -------------------------------------------------------------------------------------------
 
 
-def ranking(rows: Sequence[LeaderboardRow], *, title: str = "Leaderboard", shaded: bool = False) -> Table:
-    """Return the leaderboard, with a column for each light schedule.
-
-    ``shaded`` is for pages, which shade the methods that are level with the best, where other writers have a ``~``.
-    """
+def ranking(rows: Sequence[LeaderboardRow]) -> Table:
+    """Return the leaderboard, with a column for each light schedule."""
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     apart = any(row.success_least_blur is not None for row in rows)
     judged = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
     columns = (*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ABSTAINING, *_ERROR, *_COST)
     shown = [replace(c, for_programs=True) if judged and c.name == "abstained" else c for c in columns]
-    if shaded:
-        shown[0] = replace(shown[0], meaning=SHADED, cell=lambda row: _format_rank(row).rstrip("~"))
-    return Table(shown, rows, title, _mark)
+    return Table(shown, rows, "Leaderboard", _mark)
+
+
+def shade(board: Table) -> Table:
+    """Return the leaderboard for a page, which shades what is level with the best, where other writers have a ``~``."""
+    first = replace(board.columns[0], meaning=SHADED, cell=partial(_format_rank, shaded=True))
+    return replace(board, columns=[first, *board.columns[1:]])
 
 
 def _mark(row: LeaderboardRow) -> str:
@@ -83,10 +89,10 @@ def _light(light: str) -> Column:
     )
 
 
-def _format_rank(row: LeaderboardRow) -> str:
-    if row.rank is None:
-        return UNKNOWN
-    return f"{row.rank}{'=' if row.tied else ''}{'~' if row.level_with_best and row.rank > 1 else ''}"
+def _format_rank(row: LeaderboardRow, *, shaded: bool = False) -> str:
+    is_level = row.level_with_best and row.rank != 1 and not shaded
+    marks = f"{'=' if row.tied else ''}{'~' if is_level else ''}{'!' if row.failed_check else ''}"
+    return f"{UNKNOWN if row.rank is None else row.rank}{marks}"
 
 
 def _count(number: int) -> str:
@@ -94,8 +100,8 @@ def _count(number: int) -> str:
 
 
 SHADED = (
-    "Rank by answerable success within 1 DoF; = marks a tie. Shaded: methods that cannot be told apart from any better "
-    "one."
+    "Rank by answerable success within 1 DoF; = marks a tie, ! a method that fails methods check. Shaded: methods that "
+    "cannot be told apart from any better one."
 )
 _range = partial(_interval, detail=INTERVALS, optional=True)
 _success = partial(Column, format=percent, group="success", fraction=True)
@@ -106,7 +112,7 @@ _RANK = (
         "#",
         "rank",
         meaning="Rank by answerable success within 1 DoF; = marks a tie, ~ a method that cannot be told apart from any "
-        "better one.",
+        "better one, ! one that fails methods check.",
         cell=_format_rank,
     ),
     *_range(
@@ -116,13 +122,8 @@ _RANK = (
         meaning="95 % interval of the rank over all scenes of this kind, for all rivals at once.",
     ),
     Column("method", "method", meaning="Focus measure + search.", kind="name", link="#answers"),
-    Column(
-        "methods check",
-        "failed_check",
-        "fails {}".format,
-        meaning="First check of saf-gen methods check that a method that is not part of saf_gen fails.",
-        detail=USUAL,
-        optional=True,
+    _hidden(
+        "failed_check", meaning="First check of saf-gen methods check that a method that is not part of saf_gen fails."
     ),
     Column(
         "verified",
@@ -560,15 +561,15 @@ def answers(found: Sequence[Any]) -> Table:
 
 
 _ANSWERS = (
-    Column("method", "record.method", kind="name"),
-    Column("sequence", "record.sequence", kind="name"),
-    Column("status", "record.status"),
-    _number("answer", "record.position", ".4f"),
-    _number("truth", "record.truth", ".4f"),
-    _number("error, DoF", "record.error_dof", ".2f"),
-    _number("blur px", "record.blur_px", ".1f"),
+    Column("method", "record.who.method", kind="name"),
+    Column("sequence", "record.what.sequence", kind="name"),
+    Column("status", "record.judgement.status"),
+    _number("answer", "record.judgement.position", ".4f"),
+    _number("truth", "record.judgement.truth", ".4f"),
+    _number("error, DoF", "record.judgement.error_dof", ".2f"),
+    _number("blur px", "record.judgement.blur_px", ".1f"),
     _number("line", "line", meaning=f"The line of the answer in {RECORDS_FILE}.", link=RECORDS_FILE),
-    Column("note", "record.note", kind="note"),
+    Column("note", "record.judgement.note", kind="note"),
 )
 
 

@@ -1,31 +1,235 @@
 """Tuning of the constants of a method: the best of a grid, or of as many draws as every other method has.
 
-Constants are tuned on the split train; the split test is reserved for finished methods.
+Constants are tuned on the split train; the split test is reserved for finished methods. A method that was
+tuned in many forms wins against one that was tuned in few: draws give every method the same number of trials, by the
+same rule, from a random stream that only its name and the number of draws determine.
 """
 
+import ast
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from math import inf
+from itertools import product
+from math import inf, log10, prod
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from saf_gen import __version__
+from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial
+from saf_gen.benchmark.method_folder import ends_as_folder
+from saf_gen.benchmark.method_spec import TunedMethod, TuningTrial, split_halves, split_options, split_region
 from saf_gen.benchmark.records import Record
 from saf_gen.core.files import name_as_text
 from saf_gen.core.region import REGIONS
+from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.leaderboard import LeaderboardRow, rank_methods
-from saf_gen.leaderboard.outcomes import RULE, mean_over_scenes
-from saf_gen.leaderboard.trials import READOUT_HZ, Choices, draw_trials, expand_grid
+from saf_gen.leaderboard.ranking import RULE, mean_over_scenes
+from saf_gen.plugins.searches import REJECT
 from saf_gen.stream.manifest import TEST_SPLIT, read_manifest
 from saf_gen.stream.recordings import open_recording
 
 if TYPE_CHECKING:
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+
+MAX_TRIALS = 1000
+"""Largest number of combinations or draws in one run."""
+FRAMES = ("window", "dt", "control_period")
+"""Options that are a number of frames in a window."""
+SHORTEST_S, LONGEST_S = 0.0025, 0.025
+"""Range of the windows that are drawn, in seconds."""
+READOUT_HZ = 20_000.0
+"""Frames per second of a spike camera."""
+FACTOR = 3.0
+"""Largest factor by which another number is drawn above or below its value."""
+ATTEMPTS = 50
+"""Draws for one trial, before a method is taken to have no further choice."""
+Choices = Mapping[str, Sequence[str]]
+"""Values to try, by ``measure.KEY`` or ``search.KEY``."""
+
+
+def expand_grid(method: str, values: Choices) -> list[str]:
+    """Return the names of a method with every combination of the given values of its constants.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method, or ``@FILE`` for a tuned one.
+    values : mapping of str to sequence of str
+        Values to try, by ``measure.KEY`` or ``search.KEY``. They replace values in the name of the method.
+
+    Returns
+    -------
+    list of str
+        One name for each combination, with the values of the last key varying fastest.
+
+    Raises
+    ------
+    BadInput
+        If there are no values, a key begins with neither ``measure.`` nor ``search.``, there are more than MAX_TRIALS
+        combinations, or the measure or the search refuses a key or a value.
+    """
+    halves, region = _split(method, values)
+    if not values:
+        raise BadInput(
+            "there are no values to try",
+            allowed="--try search.window=50,100,200, once or several times, or --trials 24",
+        )
+    if (count := prod(len(choices) for choices in values.values())) > MAX_TRIALS:
+        raise BadInput(
+            f"there are {count} combinations of values",
+            allowed=f"at most {MAX_TRIALS}",
+            hint="try fewer values at a time, or draw some of them with --trials 24",
+        )
+    specs = [
+        _with_values(halves, region, chosen=dict(zip(values, chosen, strict=True)))
+        for chosen in product(*values.values())
+    ]
+    for spec in specs:
+        admit_method(spec)
+    return specs
+
+
+def draw_trials(
+    method: str, trials: int, *, values: Choices | None = None, readout_hz: float = READOUT_HZ
+) -> list[str]:
+    """Return the names of a method as it is and with ``trials`` − 1 random choices of all its constants.
+
+    Random choices find good values of the few constants that matter sooner than a grid [1]_. Each constant is drawn in
+    half of the trials, and keeps its value in the others, so that a method with many constants is not always far from
+    all of them. The rule is the same for all methods: a number of frames (``window``, ``dt``) is log-uniform in 2.5 to
+    25 ms, which is 50…500 frames of a spike camera, another positive number log-uniform within a factor of 3 of its
+    value, and a switch, such as the right to abstain (``reject``), is on or off. An option named in ``values`` takes
+    one of these; other texts and zeros stay. What the method refuses is drawn again.
+
+    Parameters
+    ----------
+    method : str
+        Name of a method, or ``@FILE`` for a tuned one. Constants in its name are the centres of the draws.
+    trials : int
+        Number of trials, at least 2.
+    values : mapping of str to sequence of str, optional
+        Choices for single constants, as for expand_grid.
+    readout_hz : float, default 20,000
+        Frames per second of the recordings.
+
+    Returns
+    -------
+    list of str
+        Distinct names, the method as it is first. There are fewer than ``trials`` if the constants allow no more.
+
+    Raises
+    ------
+    BadInput
+        If the number of trials is out of range, or as for expand_grid.
+
+    References
+    ----------
+    .. [1] Bergstra and Bengio, "Random Search for Hyper-Parameter Optimization", JMLR 13, 2012,
+       jmlr.org/papers/v13/bergstra12a.html.
+    """
+    if not 2 <= trials <= MAX_TRIALS:
+        raise BadInput(f"--trials is {trials}", allowed=f"2 to {MAX_TRIALS}")
+    halves, region = _split(method, values or {})
+    untuned = _with_values(halves, region, chosen={})
+    stated = _stated_constants(untuned)
+    own = {} if f"search.{REJECT}" in stated else {f"search.{REJECT}": ("false", "true")}
+    values = {**own, **(values or {})}
+    for key, choices in values.items():
+        for choice in choices:
+            admit_method(
+                _with_values(halves, region, chosen={key: choice})
+            )  # reports a wrong key or value, which no draw does
+    drawable = [key for key, value in stated.items() if key not in values and _is_drawn(value)]
+    rng = make_generator("tuning", untuned, trials)
+    found = {untuned: None}
+    for _ in range(trials - 1):
+        for _ in range(ATTEMPTS):
+            chosen = {key: _draw(rng, key, value=stated[key], readout_hz=readout_hz) for key in drawable}
+            chosen |= {key: choices[int(rng.integers(len(choices)))] for key, choices in values.items()}
+            kept = {key: value for key, value in chosen.items() if rng.integers(2)}
+            spec = _with_values(halves, region, chosen=kept)
+            if spec in found:
+                continue
+            try:
+                admit_method(spec)
+            except BadInput:
+                continue
+            found[spec] = None
+            break
+        else:
+            break
+    return list(found)
+
+
+def _split(method: str, values: Choices) -> tuple[dict[str, str], str]:
+    """Return the names of measure and search, and the region; raise BadInput if these or the keys are bad."""
+    name, region = split_region(admit_method(method).name)  # reports errors in the method itself first
+    if ends_as_folder(name):
+        raise BadInput(
+            f"{name} is a method in a folder, whose options are in its card",
+            allowed="MEASURE+SEARCH, such as my_method/model.py:Net+my_method/search.py:Walk",
+        )
+    halves = dict(zip(("measure", "search"), split_halves(name), strict=True))
+    for key, choices in values.items():
+        half, dot, option = key.partition(".")
+        if half not in halves or not dot or not option:
+            raise BadInput(f"--try is {key!r}", allowed="measure.KEY=VALUE,... or search.KEY=VALUE,...")
+        if not choices or not all(choices):
+            raise BadInput(f"--try {key!r} has an empty value", allowed="values separated by commas")
+    return halves, region
+
+
+def _with_values(halves: Mapping[str, str], region: str, *, chosen: Mapping[str, str]) -> str:
+    """Return the name of the method with options set to the chosen values, which replace earlier ones."""
+    spec = dict(halves)
+    for key, value in chosen.items():
+        half, _, option = key.partition(".")
+        name, tail = split_options(spec[half])
+        options = {item.partition("=")[0]: item for item in tail.split(",") if item}
+        spec[half] = f"{name}:{','.join({**options, option: f'{option}={value}'}.values())}"
+    return "+".join(spec.values()) + (f"@{region}" if region else "")
+
+
+def _stated_constants(method: str) -> dict[str, Any]:
+    """Return the constants of a method with the values that it has, by ``measure.KEY`` or ``search.KEY``.
+
+    Those of a measure are read from the text that records store, because code of others runs in another process.
+    """
+    admitted = admit_method(method)
+    of_measure = _keywords(admitted.parameters.partition(" + ")[0])
+    found = {f"measure.{key.rstrip('_')}": value for key, value in of_measure}
+    return found | {f"search.{key.rstrip('_')}": value for key, value in admitted.search_options.items()}
+
+
+def _keywords(text: str) -> Iterator[tuple[str, Any]]:
+    """Yield the options in a text such as ``Argmax(window=100, refine='no')``; nothing for a text of another form."""
+    try:
+        tree = ast.parse(text, mode="eval")
+    except SyntaxError:
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.keyword) and node.arg and isinstance(node.value, ast.Constant):
+            yield node.arg, node.value.value
+
+
+def _is_drawn(value: Any) -> bool:
+    return isinstance(value, bool) or (isinstance(value, int | float) and value > 0)
+
+
+def _draw(rng: np.random.Generator, key: str, *, value: Any, readout_hz: float) -> str:
+    if isinstance(value, bool):
+        return str(bool(rng.integers(2))).lower()
+    if key.partition(".")[2] in FRAMES:
+        drawn = SHORTEST_S * readout_hz * (LONGEST_S / SHORTEST_S) ** rng.random()
+    else:
+        drawn = value * FACTOR ** rng.uniform(-1, 1)
+    rounded = round(drawn, 1 - int(log10(drawn) // 1))  # two digits, as finer steps change little and read badly
+    return str(max(round(rounded), 1) if isinstance(value, int) else rounded)
 
 
 def tune(
@@ -122,7 +326,7 @@ def tune(
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
     by_method: dict[str, list[Record]] = {}
     for record in result.records:
-        by_method.setdefault(record.method, []).append(record)
+        by_method.setdefault(record.who.method, []).append(record)
     objectives = {name: find_objective(records) for name, records in by_method.items()}
     order = {name: number for number, name in enumerate(by_method)}
 
@@ -131,14 +335,14 @@ def tune(
         return inf if objective is None else -objective, inf if error is None else error, order[row.method]
 
     rows = sorted(rank_methods(result.records), key=sort_key)
-    data = list(dict.fromkeys(record.data for record in result.records))
+    data = list(dict.fromkeys(record.what.data for record in result.records))
     first = result.records[0]
     tuned = TunedMethod(
         method=rows[0].method,
         dataset=name_as_text(Path(dataset).resolve().name),
         split=split,
-        track=first.track,
-        terms=first.terms,
+        track=first.what.track,
+        terms=first.what.terms,
         region=region,
         sequences=len(data),
         data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
@@ -164,8 +368,8 @@ def find_objective(records: Sequence[Record]) -> float | None:
 def _worth(record: Record) -> float | None:
     if record.answerable is None:
         return None
-    is_answered = record.status == "answered"
-    return float(is_answered and record.success_1dof is True) if record.answerable else -float(is_answered)
+    is_answered = record.judgement.status == "answered"
+    return float(is_answered and record.success() is True) if record.answerable else -float(is_answered)
 
 
 def _readout_hz(dataset: str | Path, split: str) -> float:

@@ -23,7 +23,7 @@ from saf_gen.core.config.json_document import format_checked_json, parse_checked
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.files import write_text
 from saf_gen.core.user_folder import is_signed, sign_as_user
-from saf_gen.leaderboard.outcomes import group_by
+from saf_gen.leaderboard.ranking import group_by
 
 VERIFICATION_FILE = "verification.json"
 FORMAT = "saf-gen verification 1"
@@ -126,7 +126,7 @@ def read_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
     found = {verdict.method: verdict for verdict in verification.verdicts}
     return {
         method: found[method].state if is_here or found[method].state != RERUN_HERE else RERUN_ELSEWHERE
-        for method, group in group_by(records, "method").items()
+        for method, group in group_by(records, "who.method").items()
         if method in found and found[method].answers == digest_answers(group)
     }
 
@@ -148,5 +148,9 @@ def digest_answers(records: Iterable[Record]) -> str:
 
 
 def to_comparable(record: Record) -> dict[str, Any]:
-    """Return the record in plain JSON types, with null in place of the values of TIME_AND_MACHINE."""
+    """Return the record in plain JSON types, with null in place of the values of TIME_AND_MACHINE.
+
+    The version of Landlock is a matter of the machine, too.
+    """
+    record = replace(record, who=replace(record.who, limits=record.who.limits.partition(", Landlock ")[0]))
     return {key: None if key in TIME_AND_MACHINE else value for key, value in record_to_json(record).items()}

@@ -12,7 +12,7 @@ from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import Sensor, get_sensor
 from saf_gen.camera.counting_law import noise_per_spike
 from saf_gen.generate.resolve import coarse_sampling
-from saf_gen.leaderboard.notes import grain_warning
+from saf_gen.leaderboard.results import grain_warning
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.stream_file import SpikeStream

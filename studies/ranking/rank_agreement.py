@@ -14,9 +14,9 @@ import numpy as np
 from saf_gen.benchmark.records import Record
 from saf_gen.core.region import REGIONS
 from saf_gen.core.seeds import make_generator
-from saf_gen.leaderboard.axes import AXES, Axis, group_by_bin, largest_bins
 from saf_gen.leaderboard.intervals import CONFIDENCE, MIN_SCENES
-from saf_gen.leaderboard.outcomes import Outcomes, collect_outcomes, group_by
+from saf_gen.leaderboard.ranking import Outcomes, collect_outcomes, group_by
+from saf_gen.leaderboard.results import AXES, Axis, group_by_bin, largest_bins
 
 RESAMPLES = 500
 MAX_BINS = 6
@@ -27,7 +27,7 @@ REGION = Axis(
     "region",
     "Region",
     "Where methods look: in the box around the target or another one, or in the whole frame.",
-    lambda r: r.region,
+    lambda r: r.who.region,
 )
 CONDITIONS = (*(axis for axis in AXES if axis.name != "scene"), REGION)
 """The conditions whose bins are compared."""
@@ -89,11 +89,11 @@ def compare_rankings(records: Iterable[Record]) -> list[RankAgreement]:
     list of RankAgreement
         One for each pair of bins of each of CONDITIONS; empty if methods have no sequence of known success in common.
     """
-    by_method = group_by(records, "method")
+    by_method = group_by(records, "who.method")
     outcomes = collect_outcomes(by_method)
     if not outcomes.scenes:
         return []
-    regions = {method: group[0].region for method, group in by_method.items()}
+    regions = {method: group[0].who.region for method, group in by_method.items()}
     found = []
     for axis in CONDITIONS:
         for (first, one), (second, other) in combinations(_split(outcomes, axis, regions=regions), 2):

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core.table import percent
-from saf_gen.leaderboard.method_comparison import NeighbourComparison
+from saf_gen.leaderboard.ranking import NeighbourComparison
 from saf_gen.leaderboard.tables import neighbours
 from studies.ranking.agreement import agreement, agreement_table
 

@@ -12,8 +12,8 @@ from saf_gen.errors import SafGenError
 from saf_gen.generate.recipe import find_recipe, read_recipe
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import GenerationResult, generate
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard import Leaderboard
+from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.stream.manifest import ALL_SPLITS
 from studies.speed.bench import Figure, Size, main, timed
 
@@ -52,9 +52,7 @@ def _rank(folder: Path) -> None:
     result, target = evaluate(folder, split=ALL_SPLITS), folder / "evaluation"
     for failure in result.failures:
         raise SafGenError(f"{failure.sequence} could not be evaluated: {failure.problem}")
-    rows = rank_methods(result.records)
-    write_leaderboard(target, rows=rows, records=result.records, failures=result.failures)
-    write_report(target, rows=rows, evaluation=result, title=folder.name)
+    write_evaluation(target, Leaderboard.of(result), title=folder.name)
 
 
 def _write_other_recipe(recipe: Path, folder: Path) -> Path:

@@ -15,6 +15,7 @@ import os
 import re
 import resource
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -33,8 +34,14 @@ HOSTILE = {}
 FIRST = 7.0  # the answer of all that answer
 
 
-def says(reason):
+SHUT_IN = set()  # the names of those that fail for Landlock alone
+
+
+def says(reason, *, shut_in=False):
     def note(function):
+        if shut_in:
+            SHUT_IN.add(function.__name__)
+
         @wraps(function)
         def search(view):
             answer = function(view)
@@ -95,7 +102,7 @@ def kills_itself(view):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@says("ended with exit code|closed its wire|OSError|its process sent")
+@says("ended with exit code|closed its line|OSError|its process sent")
 def closes_all_descriptors(view):
     os.closerange(0, 4096)
     view.score(0, 100)
@@ -117,7 +124,7 @@ def forks_and_returns_twice(view):
     os.fork()
 
 
-@says("ended with exit code 0|closed its wire")
+@says("ended with exit code 0|closed its line")
 def forks_and_lets_the_copy_answer(view):
     if os.fork():
         os._exit(0)
@@ -174,7 +181,7 @@ def prints_much(view):
         os.write(1, b"x" * 100_000)
 
 
-@says("its process sent|closed its wire|did not answer")
+@says("its process sent|closed its line|did not answer")
 def writes_nonsense_to_every_descriptor(view):
     for descriptor in range(3, 64):
         with suppress(OSError):
@@ -547,3 +554,168 @@ def asks_without_listening(view):
     for _ in range(100_000):
         line_of(view).send({"image": "counts", "first": 0, "stop": 100})
     time.sleep(1000)
+
+
+@says("its process sent a message of 0 bytes")
+def sends_an_empty_message(view):
+    write_on_the_wire(bytes(4))
+
+
+@says("")
+def seals_the_shared_memory(view):
+    for descriptor in range(3, 64):
+        with suppress(OSError):
+            fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE)
+    view.score(0, 200)
+
+
+@says("")
+def lengthens_the_shared_memory(view):
+    for length in (1 << 62, 1 << 30):
+        for descriptor in range(3, 64):
+            with suppress(OSError):
+                os.ftruncate(descriptor, length)
+    view.score(0, 200)
+
+
+@says("MiB of memory")
+def fills_files_in_memory(view):
+    files = [os.memfd_create(str(number)) for number in range(8)]
+    for file in files:
+        for _ in range(100):
+            os.write(file, bytes(1 << 20))
+    time.sleep(1000)
+
+
+@says("MiB of memory")
+def uses_memory_in_a_child_of_a_thread(view):
+    code = "x = bytearray(b'x') * (1 << 30)\nimport time\ntime.sleep(60)"
+    threading.Thread(target=subprocess.run, args=([sys.executable, "-c", code],)).start()
+    time.sleep(1000)
+
+
+@says("did not answer within")
+def opens_a_pipe_that_nobody_writes(view):
+    with suppress(OSError):
+        os.mkfifo("pipe")
+    with Path("pipe").open() as pipe:
+        pipe.read()
+
+
+@says("")
+def leaves_a_child_without_an_environment(view):
+    subprocess.Popen(["sleep", "1000"], start_new_session=True, env={}, cwd="/", stdout=-3, stderr=-3)
+
+
+@says("")
+def hops_from_process_to_process(view):
+    if not os.fork():
+        until = time.monotonic() + 20  # lest it outlives a test that fails
+        while time.monotonic() < until and not os.fork():
+            os.setsid()
+        os._exit(0)
+
+
+@says("")
+def prints_for_ever_from_a_thread(view):
+    def spin():
+        while True:
+            os.write(2, b"x" * 65_536)
+
+    threading.Thread(target=spin, daemon=True).start()
+    view.score(0, 100)
+
+
+@says("")
+def makes_folders_too_deep_to_delete(view):
+    with suppress(OSError):
+        for _ in range(1200):
+            Path("a").mkdir()
+            os.chdir("a")
+
+
+@says("")
+def adopts_its_orphans(view):
+    libc = ctypes.CDLL(None)
+    libc.prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
+    libc.prctl(1, 0, 0, 0, 0)  # no signal at the end of its parent
+    libc.prctl(4, 0, 0, 0, 0)  # its memory cannot be looked at
+    subprocess.Popen(["sh", "-c", "sleep 1000 & sleep 1000 &"], start_new_session=True)
+
+
+def ancestors():
+    """Return the processes above this one, as far as they may be asked."""
+    found = [os.getppid()]
+    with suppress(OSError, ValueError, IndexError):
+        while found[-1] > 1:
+            found.append(int(Path(f"/proc/{found[-1]}/stat").read_text().rpartition(")")[2].split()[1]))
+    return [process for process in found if process > 1]
+
+
+@says("", shut_in=True)
+def signals_the_evaluator(view):
+    for process in ancestors():
+        with suppress(OSError):
+            os.kill(process, 0)  # as SIGTERM and SIGSTOP would be
+            return Answer(99.0, note=str(process))
+
+
+@says("", shut_in=True)
+def reads_what_the_evaluator_holds(view):
+    for process in ancestors():
+        for place in ("environ", "mem", "maps", "fd/0", "fd/1", "fd/2", "cwd", "auxv"):
+            with suppress(OSError):
+                Path(f"/proc/{process}/{place}").readlink()
+                return Answer(99.0, note=f"{process} {place}")
+            with suppress(OSError), Path(f"/proc/{process}/{place}").open("rb") as file:
+                if file.read(1):
+                    return Answer(99.0, note=f"{process} {place}")
+
+
+@says("", shut_in=True)
+def traces_the_evaluator(view):
+    libc = ctypes.CDLL(None, use_errno=True)
+    for process in ancestors():
+        if libc.ptrace(0x4206, process, None, None) == 0:  # PTRACE_SEIZE, which does not stop it
+            return Answer(99.0, note=str(process))
+
+
+@says("", shut_in=True)
+def reads_files_of_others(view):
+    places = [Path("/root"), Path("/home"), Path(tempfile.gettempdir()).parents[1], *Path(__file__).parents[2:4]]
+    for place in places:
+        for path in [*place.glob("*"), *place.glob("*/*.h5"), *place.glob("*/.*")][:200]:
+            if path.is_dir() or path.is_relative_to(Path(__file__).parent) or "saf-gen-guest" in str(path):
+                continue
+            if subprocess.run(["cat", path], capture_output=True).stdout:
+                return Answer(99.0, note=str(path))
+            if (file := ctypes.CDLL(None).open(os.fsencode(path), 0)) >= 0:
+                os.close(file)
+                return Answer(99.0, note=str(path))
+
+
+@says("", shut_in=True)
+def writes_beside_its_folder(view):
+    for place in (Path(__file__).parent, Path(tempfile.gettempdir()).parents[1], Path("/dev/shm")):
+        with suppress(OSError):
+            (place / "saf-gen-hostile").touch()
+            (place / "saf-gen-hostile").unlink()
+            return Answer(99.0, note=str(place))
+
+
+@says("", shut_in=True)
+def connects_to_this_machine(view):
+    try:
+        socket.create_connection(("127.0.0.1", 9), timeout=1).close()
+    except PermissionError:
+        return
+    except OSError as error:
+        return Answer(99.0, note=str(error))
+    return Answer(99.0)
+
+
+@says("", shut_in=True)
+def leaves_by_a_namespace_of_its_own(view):
+    ctypes.CDLL(None).unshare(0x10020000)  # a namespace of users, and one of mounts
+    with suppress(OSError):
+        return Answer(99.0, note=str(list(Path(tempfile.gettempdir()).parents[1].iterdir())))

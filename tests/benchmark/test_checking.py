@@ -8,9 +8,9 @@ from planted_sweeps import write_sweep, write_three_sweeps
 from saf_gen.benchmark.admission import admit_method
 from saf_gen.benchmark.checking import first_failed_check
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
-from saf_gen.benchmark.records import read_records, record_to_json, write_records
+from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.notes import notes_on
+from saf_gen.leaderboard.results import notes_on
 from saf_gen.leaderboard.tables import ranking
 from saf_gen.stream.stream_file import open_stream
 
@@ -101,17 +101,20 @@ def test_the_first_check_that_a_method_of_others_fails_is_named(theirs, method, 
 def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     good, bad = (f"{theirs}:{name}+argmax:window=50" for name in ("good", "drifts"))
     records = evaluate(write_three_sweeps(tmp_path / "three"), methods=["sd+argmax", good, bad], draw=False).records
-    assert {r.method: r.failed_check for r in records} == {"sd+argmax": "", good: "", bad: "measure, zero when empty"}
-    assert {"failed_check" in record_to_json(r) for r in records if r.method != bad} == {False}
+    assert {r.who.method: r.who.failed_check for r in records} == {
+        "sd+argmax": "",
+        good: "",
+        bad: "measure, zero when empty",
+    }
     write_records(tmp_path / "records.jsonl", records)
     assert read_records(tmp_path) == list(records)
     rows = rank_methods(records)
-    assert f"{bad} fails methods check: measure, zero when empty (saf-gen methods check says why)." in notes_on(
-        rows, records
-    )
-    assert "fails measure, zero when empty" in ranking(rows).to_markdown()
-    shipped = [record for record in records if record.method == "sd+argmax"]
-    assert "methods check" not in ranking(rank_methods(shipped)).to_markdown()
+    note = f"! marks what fails methods check, which says why: {bad} (measure, zero when empty)."
+    assert note in notes_on(rows, records)
+    board = ranking(rows)
+    assert [row.method for row in rows if board.columns[0].text(row).endswith("!")] == [bad]
+    assert [row["failed_check"] for row in board.to_dicts() if row["failed_check"]] == ["measure, zero when empty"]
+    assert "zero when empty" in board.to_csv()
 
 
 @pytest.mark.parametrize("door", ["score", "view"])

@@ -1,5 +1,7 @@
 """A user's measure and search, from a file or from a package that is not installed."""
 
+import re
+
 import pytest
 from own_plugins import PARTS
 from refusals import assert_says, refusal
@@ -8,6 +10,7 @@ from saf_gen.benchmark.admission import admit_method, read_methods
 from saf_gen.benchmark.method_spec import TunedMethod, format_tuned, parse_method
 from saf_gen.errors import BadInput
 from saf_gen.plugins.measures import get_measure
+from saf_gen.plugins.searches import get_search
 
 
 @pytest.fixture
@@ -94,3 +97,30 @@ def test_a_file_runs_no_code_that_the_command_line_does_not_name(tmp_path, monke
         get_measure(method.split("+")[0].removesuffix("_n"))
         assert trace.exists()
         assert read()
+
+
+LONG = """\
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Network:
+    \"\"\"A network whose weights are constants.\"\"\"
+
+    window: int = 3
+    weights: str = "{sign}" * {count}
+
+    def __call__(self, counts):
+        return float(counts.sum())
+"""
+
+
+def test_a_record_states_long_constants_by_their_length_and_digest(tmp_path):
+    stated = {}
+    for name, sign, count in (("short", "a", 400), ("long", "a", 1_000_000), ("other", "b", 1_000_000)):
+        path = tmp_path / f"{name}.py"
+        path.write_text(LONG.format(sign=sign, count=count))
+        stated[name] = parse_method(f"{path}:Network+argmax").parameters
+    assert stated["short"] == f"Network(window=3, weights='{'a' * 400}') + {get_search('argmax')!r}"
+    assert re.match(r"Network\(window=3, weights=<1,000,002 characters, [0-9a-f]{12}>\) \+ Argmax\(", stated["long"])
+    assert stated["other"] not in (stated["long"], stated["short"])
+    assert admit_method(f"{tmp_path / 'long.py'}:Network+argmax").parameters == stated["long"]

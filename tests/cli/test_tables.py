@@ -9,17 +9,17 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
+from handmade_evaluations import board_of
 from handmade_records import record
 from rich.console import Console
 
 import saf_gen
 from saf_gen.cli import _tables
 from saf_gen.cli._tables import print_leaderboard, print_table
-from saf_gen.cli._terminal import err, out, progress_bars
+from saf_gen.cli._terminal import err, out, progress_bars, terminal_reporter
 from saf_gen.core.config import registry
 from saf_gen.core.table import Column, Table
 from saf_gen.generate.recipe import recipe_names
-from saf_gen.leaderboard import rank_methods
 from saf_gen.scene.scene_folder import scene_names
 
 TABLE = Table(
@@ -129,7 +129,8 @@ def test_the_leaderboard_keeps_rank_method_success_and_error(terminal, capsys, w
         for scene in ("a", "b")
         for light in ("constant", "continuously_varying")
     ]
-    print_leaderboard(rank_methods(records), title="t", records=records)
+    board = board_of(records)
+    print_leaderboard(board.ranking, names=board.names, notes=board.notes)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= width
     assert "…" not in shown
@@ -161,3 +162,34 @@ def test_the_name_of_a_progress_bar_is_not_cut(monkeypatch, capsys):
     assert "…" not in shown
     assert " 50 %" in shown
     assert all(word in shown for word in name.split())
+
+
+def test_a_failed_check_is_a_mark_and_a_note_and_leaves_the_lights_in_120_columns(terminal, capsys):
+    terminal(120)
+    records = [
+        record(method, f"{scene}-{light}", 0.3, scene=scene, light=light, failed_check=check)
+        for method, check in (("mine.py:A+argmax", "measure, one value for a whole window"), ("sd_code+argmax", ""))
+        for scene in ("a", "b")
+        for light in ("constant", "continuous", "sudden")
+    ]
+    board = board_of(records)
+    print_leaderboard(board.ranking, names=board.names, notes=board.notes)
+    shown = joined(capsys.readouterr().out)
+    table = shown.partition("Names:")[0]
+    assert all(light in table.partition("Columns that")[0] for light in ("constant", "continuous", "sudden"))
+    assert "1=! mine.py:A+argmax" in table
+    assert "1= sd_code+argmax" in table
+    note = "! marks what fails methods check, which says why: mine.py:A+argmax (measure, one value for a whole window)."
+    assert shown.count(note) == 1
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_progress_stays_on_its_line_whatever_a_sequence_is_called(monkeypatch, capsys, is_terminal):
+    monkeypatch.setattr(err, "_force_terminal", is_terminal)
+    with progress_bars() as bars:
+        report = terminal_reporter("evaluate", bars, parts=2)
+        report(1, 2, "first\nsecond\x1b[2J\u202e")
+        bars.refresh()
+    shown = capsys.readouterr().err
+    assert r"first\nsecond\x1b[2J\u202e" in shown
+    assert "\nsecond" not in shown

@@ -9,8 +9,7 @@ import pytest
 
 import saf_gen
 from saf_gen.cli import doctor
-from saf_gen.core import cores
-from saf_gen.core.execution import worker_pool
+from saf_gen.core import child, cores
 
 POSIX_MODULES = ("fcntl", "resource", "pwd", "grp", "termios")
 POSIX_NAMES = {
@@ -50,13 +49,10 @@ def test_doctor_advises_wsl2_on_windows_alone(monkeypatch):
     assert cores.WINDOWS_ADVICE in doctor.describe_machine()[1]
 
 
-def test_a_worker_that_died_is_described_without_the_signals_of_posix(monkeypatch):
-    monkeypatch.delattr(worker_pool.signal, "SIGKILL")
-    died = SimpleNamespace(join=lambda _: None, exitcode=3, is_alive=lambda: False)
-    worker = next(kind for kind in vars(worker_pool).values() if hasattr(kind, "how_it_died"))
-    assert (
-        worker.how_it_died(SimpleNamespace(process=died, is_alive=died.is_alive)) == "it ended itself with exit code 3"
-    )
+def test_a_child_that_died_is_described_without_the_signals_of_posix(monkeypatch):
+    monkeypatch.delattr(child.signal, "SIGKILL")
+    process = SimpleNamespace(wait=lambda _: None, poll=lambda: 3)
+    assert child.Child._how_it_ended(SimpleNamespace(_process=process)) == "ended with exit code 3"
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import textwrap
 import threading
 import time
 from contextlib import contextmanager, suppress
-from multiprocessing import connection
 from pathlib import Path
 
 import pytest
@@ -31,11 +30,12 @@ from pool_jobs import (
     Unsendable,
 )
 
+from saf_gen.core.child import wait_for_any
 from saf_gen.core.execution import run_jobs, silence
 from saf_gen.core.execution.worker_pool import WorkerPool
 from saf_gen.errors import BadInput, SafGenError
 
-DEATH = "its process died: "
+DEATH = "its process "
 
 
 def done(jobs, **options):
@@ -71,7 +71,7 @@ def collect_all(pool, report=lambda name, done: None):
     """Return what a pool yields until it is empty."""
     ended = []
     while pool.running:
-        connection.wait(pool.running, timeout=0.2)
+        wait_for_any(pool.running, 0.2)
         ended += pool.collect(report)
     return ended
 
@@ -113,18 +113,18 @@ def test_jobs_and_results_that_cannot_be_sent_or_read_are_errors_of_their_jobs()
 @pytest.mark.parametrize(
     ("job", "why"),
     [
-        (Dies(), "it ended itself with exit code 9"),
-        (EndedBy(signal.SIGSEGV), "Segmentation fault"),
-        (EndedBy(signal.SIGKILL), "killed, or out of memory?"),
-        (ClosesAll(), "its code closed the pipe to the run"),
+        (Dies(), "ended with exit code 9"),
+        (EndedBy(signal.SIGSEGV), "was ended by signal 11 (SIGSEGV)"),
+        (EndedBy(signal.SIGKILL), "was ended by signal 9 (SIGKILL, as where memory runs out)"),
+        (ClosesAll(), "closed its line"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_job_whose_process_dies_twice_says_how(job, why):
     again = []
     results = done([job, Square(3)], notify=again.append)
-    assert results[job.name] == (None, f"its process died twice ({why}); run the same command again to go on")
-    assert again == [f"again: {job.name} (its process died: {why})"]
+    assert results[job.name] == (None, f"its process died twice (it {why}); run the same command again to go on")
+    assert again == [f"again: {job.name} (its process {why})"]
     assert results["square 3"][0][0] == 9
 
 
@@ -140,16 +140,16 @@ def test_too_few_threads_are_refused_before_a_process_starts(monkeypatch, left):
         return start(*arguments)
 
     monkeypatch.setattr(threading, "_start_new_thread", start_few)
-    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", lambda *_: pytest.fail("a process started"))
+    monkeypatch.setattr("saf_gen.core.child.subprocess.Popen", lambda *_, **__: pytest.fail("a process started"))
     with pytest.raises(BadInput, match=f"the limit of threads and processes leaves {left} "):
         done([Square(2)])
 
 
 def test_a_process_that_cannot_be_started_is_one_line(monkeypatch):
-    def refuse(*_):
+    def refuse(*_, **__):
         raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
 
-    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", refuse)
+    monkeypatch.setattr("saf_gen.core.child.subprocess.Popen", refuse)
     with pytest.raises(SafGenError, match="^the system cannot start more threads and processes; "):
         done([Square(2), Square(3)], workers=2)
 
@@ -363,18 +363,11 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
 def test_a_run_whose_whole_group_is_killed_leaves_nothing_in_shared_memory(tmp_path):
     """Nobody is left then who could clean up. Other programs of this machine make semaphores, too."""
     with run_of_two_workers(tmp_path) as (run, workers):
-        group = [process.parent for process in Path("/proc").glob("[0-9]*/stat") if group_of(process) == run.pid]
-        assert len(group) >= 4
-        shared = {name for process in group for name in shared_memory_of(process)}
+        shared = {name for process in (run.pid, *workers) for name in shared_memory_of(Path(f"/proc/{process}"))}
         os.killpg(run.pid, signal.SIGKILL)
         run.wait()
         assert ended_within(10, workers)
         assert [name for name in shared if name.exists()] == []
-
-
-def group_of(stat):
-    with suppress(OSError):
-        return int(stat.read_text().rpartition(")")[2].split()[2])
 
 
 def shared_memory_of(process):

@@ -10,12 +10,24 @@ from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Evaluation, FocusCurve, LensPath, SequenceFailure, SweepSummary
 from saf_gen.benchmark.sequence_evaluation import assess_curves
 from saf_gen.benchmark.thumbnails import Thumbnails
-from saf_gen.leaderboard.report.delivered import Delivered
+from saf_gen.leaderboard import Leaderboard
+from saf_gen.leaderboard.report import write_evaluation
+from saf_gen.leaderboard.report.pictures import Delivered
 from saf_gen.stream.pictures.image_strip import lay_out_pictures
 
 LENS = np.linspace(0, 1, 800, dtype=np.float32)
 CENTRES = np.arange(0, 800, 50) + 24.5
 LIGHTS = {"constant": 1.0, "ramp": 4.0, "steps": 2.5}
+
+
+def board_of(records, *, failures=(), **more):
+    """Return the leaderboard of these records."""
+    return Leaderboard.of(Evaluation(tuple(records), failures=tuple(failures), **{"sweeps": (), **more}))
+
+
+def write_board(folder, records, **more):
+    """Write the evaluation of these records into a folder, and return the paths of its files."""
+    return write_evaluation(folder, board_of(records, **more), title="title").paths
 
 
 def make_sweep(
@@ -91,7 +103,7 @@ def make_records(*, seed=5):
                 "windows": int(random.integers(1, 99)),
                 "time_to_focus_s": 0.4,
             }
-            more |= {"blur_px": 2 * abs(error), "frames_seen": int(random.integers(100, 800)), "trace": trace}
+            more |= {"frames_seen": int(random.integers(100, 800)), "trace": trace}
             records.append(record(method, sequence, error, **fields, **more))
     return records
 

@@ -1,8 +1,8 @@
 import pytest
 from handmade_evaluations import make_delivered, make_evaluation
 
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard import Leaderboard
+from saf_gen.leaderboard.report import write_evaluation
 
 
 @pytest.fixture(scope="session")
@@ -10,5 +10,4 @@ def small_report(tmp_path_factory):
     """Folder and paths of the report of a handmade evaluation. Do not change it."""
     folder = tmp_path_factory.mktemp("report")
     made = make_evaluation()
-    rows = rank_methods(made.records)
-    return folder, write_report(folder, evaluation=made, rows=rows, title="small", delivered=make_delivered())
+    return folder, write_evaluation(folder, Leaderboard.of(made), title="small", delivered=make_delivered()).paths

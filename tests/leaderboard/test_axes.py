@@ -2,10 +2,11 @@ import csv
 import json
 
 import pytest
+from handmade_evaluations import write_board
 from handmade_records import failed, record
 
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.axes import by_axis
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.results import by_axis
 
 
 def axis(records, name, methods=("a+s",)):
@@ -93,17 +94,17 @@ def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted
 
 
 @pytest.mark.parametrize(
-    ("place", "off", "bins"), [(0.5, None, ("middle",)), (1.0, 1.0, ("last 10 %",)), (None, 1.001, ("outside",))]
+    ("place", "off", "bins"), [(0.5, 0.0, ("middle",)), (1.0, 1.0, ("last 10 %",)), (None, 1.001, ("outside",))]
 )
 def test_the_bin_of_the_focus_does_not_depend_on_the_answer(place, off, bins):
-    known = {"focus_place": place, "focus_off_dof": off, "truth_first": 0.3}
+    known = {"focus_place": place, "focus_off_dof": off}
     for answered in (one(0, **known), one(0, 9.0, **known), failed("a+s", "s0", "abstained", **known)):
         assert names(axis([answered], "focus_position")) == bins
 
 
 def test_an_unknown_focus_has_no_bin():
     known = one(0, focus_place=0.5)
-    some = [known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)]
+    some = [known, one(1, focus_off_dof=None), one(2, focus_off_dof=0.5)]
     assert sequences(axis(some, "focus_position")) == (1,)
 
 
@@ -114,7 +115,7 @@ def test_the_files_contain_every_axis(tmp_path):
         for m, errors in {"a+s": (0.0, 0.4, 3.0), "b|c+s": (5.0, 5.0, 5.0)}.items()
         for i, (e, place) in enumerate(zip(errors, places, strict=True))
     ]
-    write_leaderboard(tmp_path, rows=rank_methods(some), records=some)
+    write_board(tmp_path, some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     by_name = {a["axis"]: a for a in document["axes"]}
     assert [b["bin"] for b in by_name["focus_position"]["bins"]] == ["first 10 %", "middle", "outside"]

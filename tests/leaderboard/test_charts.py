@@ -11,18 +11,15 @@ from handmade_records import record
 from PIL import Image
 
 from saf_gen.benchmark.results import Evaluation, FocusCurve
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.files import compute_results
-from saf_gen.leaderboard.report.charts import INK, MAX_LINES, SOFT, chart_sweep, make_charts
-from saf_gen.leaderboard.report.viewer import build_viewer, image_strip, spike_strip
-from saf_gen.leaderboard.sweep_lines import normalise
+from saf_gen.leaderboard import Leaderboard
+from saf_gen.leaderboard.report.charts import INK, MAX_LINES, SOFT, chart_sweep, make_charts, normalise
+from saf_gen.leaderboard.report.pictures import build_viewer, image_strip, spike_strip
 
 MEASURES = ("sd", "sd_code", "er_count")
 
 
 def charts_of(made):
-    rows = rank_methods(made.records)
-    return make_charts(made, rows, comparison=compute_results(rows, made.records).comparison)
+    return make_charts(Leaderboard.of(made))
 
 
 def labels(chart):

@@ -2,11 +2,10 @@ import csv
 
 import numpy as np
 import pytest
-from handmade_evaluations import CENTRES, LENS, make_sweep
+from handmade_evaluations import CENTRES, LENS, make_sweep, write_board
 
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.sequence_evaluation import assess_curves
-from saf_gen.leaderboard.files import write_curves
 from saf_gen.leaderboard.tables import rank_measures
 
 BLOCK = 50 / 799  # of the travel
@@ -65,9 +64,8 @@ def test_measures_stand_by_their_accuracy_and_have_medians():
 
 
 def test_the_files_contain_curves_and_measures(tmp_path):
-    paths = write_curves(tmp_path, assess_curves([make_sweep(), make_sweep("ramp", lens=None)]))
-    assert [p.name for p in paths] == ["curves.csv", "measures.csv"]
-    curves, measures = map(lines_of, paths)
+    write_board(tmp_path, [], curves=assess_curves([make_sweep(), make_sweep("ramp", lens=None)]))
+    curves, measures = (lines_of(tmp_path / name) for name in ("curves.csv", "measures.csv"))
     assert len(curves) == 6
     assert (curves[0]["measure"], curves[0]["sequence"], curves[0]["light"]) == ("sd", "camel-constant", "constant")
     assert float(curves[0]["truth"]) == 0.375
@@ -78,8 +76,8 @@ def test_the_files_contain_curves_and_measures(tmp_path):
 
 
 def test_without_a_curve_nothing_is_written(tmp_path):
-    assert write_curves(tmp_path, assess_curves([make_sweep(measures=())])) == []
-    assert list(tmp_path.iterdir()) == []
+    write_board(tmp_path, [], curves=assess_curves([make_sweep(measures=())]))
+    assert not {"curves.csv", "measures.csv"} & {path.name for path in tmp_path.iterdir()}
 
 
 def test_figures_that_need_a_lens_or_track_with_gaps_are_unknown():

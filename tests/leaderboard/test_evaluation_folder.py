@@ -2,19 +2,21 @@
 
 import os
 import shutil
+import sys
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
 import pytest
-from handmade_evaluations import make_sweep
+from handmade_evaluations import make_evaluation, make_sweep
 from handmade_records import record
 from refusals import refusal
 
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.benchmark.sequence_evaluation import assess_curves
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report import evaluation_folder, write_evaluation
+from saf_gen.leaderboard import Leaderboard, board, ranking, results, tables
+from saf_gen.leaderboard.report import charts, evaluation_folder, page, write_evaluation
 
 pytestmark = pytest.mark.slow
 
@@ -43,27 +45,44 @@ def of_one_method(scene="camel"):
 
 
 def write(folder, made, **options):
-    return write_evaluation(folder, evaluation=made, rows=rank_methods(made.records), title="small", **options)
+    return write_evaluation(folder, Leaderboard.of(made), title="small", **options)
 
 
 def held(folder):
     return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_files_and_page_share_tables_that_are_computed_once(tmp_path, monkeypatch):
-    """Unless a name has a control character, which the page shows escaped and the files do not."""
-    compute, computed = evaluation_folder.compute_results, []
+COMPUTING = (
+    *(ranking.rank, ranking.method_intervals, ranking.collect_outcomes, ranking.compare_methods),
+    *(results.by_axis, results.keep_largest, results.notes_on, results.grain_by_scene, results.spell_out_names),
+    *(tables.ranking, tables.by_bin, tables.bin_lines, tables.neighbours, tables.profile_lines, tables.curves),
+    *(tables.measures, tables.rank_measures, results.describe_records, charts.make_charts, page.build_page),
+)
 
-    def count(rows, records):
-        computed.append(records)
-        return compute(rows, records)
 
-    monkeypatch.setattr(evaluation_folder, "compute_results", count)
-    write(tmp_path / "plain", of_one_method())
-    assert len(computed) == 1
-    write(tmp_path / "strange", of_one_method("ca\x1bmel"))
-    assert len(computed) == 3
-    assert "\x1b" not in (tmp_path / "strange/index.html").read_text()
+def test_everything_is_computed_once_on_the_way_from_records_to_files_and_page(tmp_path):
+    """Also if names have control characters, which every writer escapes itself."""
+    names = {function.__code__: function.__name__ for function in COMPUTING}
+    for made in (with_curves(), of_one_method("ca\x1bmel")):
+        calls = Counter()
+        sys.setprofile(lambda frame, event, _, calls=calls: calls.update([frame.f_code] * (event == "call")))
+        try:
+            write(tmp_path / "out", made)
+        finally:
+            sys.setprofile(None)
+        several = {name: calls[code] for code, name in names.items() if calls[code] != 1}
+        without = {"keep_largest", "by_bin"} | (set() if made.curves else {"curves", "measures", "rank_measures"})
+        assert several == dict.fromkeys(without, 0), "conditions along which sequences differ, and curves"
+        assert "\x1b" not in (tmp_path / "out/index.html").read_text()
+
+
+def test_each_selection_of_sequences_is_ranked_once(tmp_path, monkeypatch):
+    rank, ranked = ranking.rank, []
+    for module in (ranking, board):
+        monkeypatch.setattr(module, "rank", lambda by_method, found: ranked.append(found) or rank(by_method, found))
+    write(tmp_path, make_evaluation())
+    sequences = [tuple(record.what.sequence for record in found.sequences) for found in ranked]
+    assert len(sequences) == len(set(sequences)) > 10
 
 
 def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_of_it(tmp_path):
@@ -78,7 +97,7 @@ def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_of_it(t
     written = write(tmp_path, of_one_method("fan"))
     assert written.replaced == "replaced the earlier evaluation of 2 methods"
     assert held(tmp_path) == TABLES | foreign
-    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
+    assert {r.who.method for r in read_records(tmp_path)} == {"sd+egs_code"}
 
 
 def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
@@ -139,12 +158,12 @@ def test_a_killed_run_leaves_the_earlier_evaluation_or_the_complete_new_one(tmp_
             going_on = killed_at(
                 step, monkeypatch, lambda part=part, final=final: evaluation_folder._publish(part, final)
             )
-            which = {frozenset(r.method for r in read_records(final))}
+            which = {frozenset(r.who.method for r in read_records(final))}
             assert which <= set(map(frozenset, methods.values()))
             killed_at(again, monkeypatch, partial(evaluation_folder._finish_publishing, final))
             evaluation_folder._finish_publishing(final)
             (found,) = (name for name in methods if {frozenset(methods[name])} == which)
-            assert {r.method for r in read_records(final)} == methods[found]
+            assert {r.who.method for r in read_records(final)} == methods[found]
             assert {name for name in held(final) if ".evaluation." not in name} == complete[found]
             seen.add(found)
         step += 1

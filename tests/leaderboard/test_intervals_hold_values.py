@@ -7,13 +7,14 @@ of very different sizes, and methods of which the success is unknown on differen
 
 import numpy as np
 import pytest
+from handmade_evaluations import board_of
 from handmade_records import failed, record
 
 from saf_gen.benchmark.records import MAX_POSITION_OR_ERROR, read_records, write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.intervals import COARSE, MIN_SCENES, median_interval, rate_intervals
-from saf_gen.leaderboard.method_comparison import MethodComparison, compare_methods
+from saf_gen.leaderboard.ranking import MethodComparison
 from saf_gen.leaderboard.tables import ranking
 
 LAST_BIT = 1e-9
@@ -95,7 +96,7 @@ def test_the_interval_of_a_rate_contains_the_mean_over_scenes_of_any_sizes():
 def draw_answer(random, method, sequence, *, kind, **more):
     chance = random.random()
     if chance < 0.15:
-        return failed(method, sequence, "failed" if chance < 0.1 else "abstained", blur_px=None, **more)
+        return failed(method, sequence, "failed" if chance < 0.1 else "abstained", **more)
     error = {
         "any": 3 * random.random(),
         "ties": random.integers(0, 4) / 2,
@@ -119,7 +120,7 @@ def draw_records(random, kind, *, agree=True):
         for i, scene in enumerate(scenes):
             more = {"scene": f"scene{scene}", "light": "ab"[lights[i]]}
             if unknown[i]:
-                made.append(record(method, f"q{i}", None, blur_px=None, **more))
+                made.append(record(method, f"q{i}", None, **more))
             elif kind == "all right":
                 made.append(record(method, f"q{i}", 0.5, **more))
             else:
@@ -155,8 +156,8 @@ def check_rows(rows):
     return known
 
 
-def check_comparison(records, rows):
-    found = compare_methods(records, [row.method for row in rows])
+def check_comparison(records):
+    found = board_of(records).comparison
     for profile in found.profiles:
         ends = zip(profile.low or (), profile.fractions, profile.high or (), strict=profile.low is not None)
         assert all(contains(*one) for one in ends)
@@ -178,8 +179,8 @@ def test_every_interval_of_the_leaderboard_contains_its_value_or_is_missing(kind
         records = read_records(tmp_path)
         rows = rank_methods(records)
         known = check_rows(rows)
-        check_comparison(records, rows)
-        if agree and len({r.scene for r in records if r.success_1dof is not None}) >= MIN_SCENES:
+        check_comparison(records)
+        if agree and len({r.what.scene for r in records if r.success() is not None}) >= MIN_SCENES:
             assert all({"rank_best", "behind_best_low", "answerable_1dof_low"} <= names for names in known)
 
 
@@ -206,5 +207,4 @@ def test_methods_without_a_common_sequence_have_no_comparison():
         for method, own, region in (("a@target", "x", "target"), ("b@frame", "y", "frame"))
         for sequence in "xy"
     ]
-    rows = rank_methods(records)
-    assert compare_methods(records, [row.method for row in rows]) == MethodComparison()
+    assert board_of(records).comparison == MethodComparison()

@@ -1,20 +1,18 @@
 """The warning about grain, and the grain of each scene in tables, JSON and page."""
 
 import json
-from dataclasses import replace
 
 import pytest
-from handmade_evaluations import make_evaluation
-from handmade_records import record
+from handmade_evaluations import board_of, make_evaluation, write_board
+from handmade_records import change, record
 
-from saf_gen.benchmark.results import Evaluation
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.notes import grain_by_scene, grain_warning, notes_on
+from saf_gen.leaderboard import Leaderboard, rank_methods
 from saf_gen.leaderboard.report.page import build_page
+from saf_gen.leaderboard.results import grain_by_scene, grain_warning, notes_on
 
 
 def grainy(method, sequence, of_curve, *, rms=0.02, **more):
-    return replace(record(method, sequence, 0.1, **more), grain_rms=rms, grain_of_curve=of_curve)
+    return change(record(method, sequence, 0.1, **more), grain_rms=rms, grain_of_curve=of_curve)
 
 
 RECORDS = [
@@ -24,9 +22,9 @@ RECORDS = [
     grainy("sd+argmax", "b", 0.1, rms=0.12, scene_motion="dynamic"),
     grainy("brenner+argmax", "b", 3.1, rms=0.12, scene_motion="dynamic"),
     grainy("brenner+egs_code", "b", 3.1, rms=0.12, scene_motion="dynamic"),
-    replace(record("sd+argmax", "c", 0.1, scene="fan"), scene_motion="static"),
-    replace(record("brenner+argmax", "c", 0.1, scene="fan"), scene_motion="static"),
-    replace(record("brenner+egs_code", "c", 0.1, scene="fan"), scene_motion="static"),
+    change(record("sd+argmax", "c", 0.1, scene="fan"), scene_motion="static"),
+    change(record("brenner+argmax", "c", 0.1, scene="fan"), scene_motion="static"),
+    change(record("brenner+egs_code", "c", 0.1, scene="fan"), scene_motion="static"),
 ]
 
 
@@ -51,7 +49,7 @@ def test_a_scene_at_rest_and_moving_have_a_line_each():
 
 
 def test_the_json_holds_the_grain_of_each_scene(tmp_path):
-    write_leaderboard(tmp_path, rows=rank_methods(RECORDS), records=RECORDS)
+    write_board(tmp_path, RECORDS)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert [table["scene"] for table in document["grain"]] == ["camel", "camel", "fan"]
     assert document["grain"][1]["of_curve"]["brenner"] == 3.1
@@ -59,10 +57,9 @@ def test_the_json_holds_the_grain_of_each_scene(tmp_path):
 
 
 def test_the_page_shows_grain_where_it_is_known():
-    page = build_page(Evaluation(tuple(RECORDS), (), ()), rank_methods(RECORDS), title="t")
+    page = build_page(board_of(RECORDS), title="t")
     assert 'id="grain"' in page
     assert "12.00%" in page
     assert "3.1" in page.split('id="grain"')[1]
     assert "Warning: noise of the renderer" in page
-    made = make_evaluation()
-    assert 'id="grain"' not in build_page(made, rank_methods(made.records), title="t")
+    assert 'id="grain"' not in build_page(Leaderboard.of(make_evaluation()), title="t")

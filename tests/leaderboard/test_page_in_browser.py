@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_in_page
-from handmade_evaluations import make_delivered, make_evaluation, make_records
+from handmade_evaluations import board_of, make_delivered, make_evaluation, make_records, write_board
 from handmade_records import record
 
 from saf_gen.benchmark.evaluate import DEFAULT_RECORDED_METHODS
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Evaluation
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard import Leaderboard, rank_methods
+from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.leaderboard.report.page import add_years, choose_answers
-from saf_gen.leaderboard.tables import ranking
+from saf_gen.leaderboard.tables import ranking, shade
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
 
@@ -83,7 +83,7 @@ TIMES = {"time_to_focus_s": 0.2, "seconds": 0.01}
 def python_rows(keep=lambda record: True):
     """The leaderboard's rows for some of the records, computed in Python."""
     records = make_records()
-    shown = add_years(ranking(rank_methods(records), shaded=True), make_evaluation().plugins).shown
+    shown = add_years(shade(board_of(records).ranking), make_evaluation().plugins).shown
     return [[c.text(row) for c in shown] for row in rank_methods([r for r in records if keep(r)])]
 
 
@@ -159,8 +159,8 @@ def test_a_selection_shows_the_rows_that_python_ranked_and_stays_sorted(ask):
       return { whole, ramp, said, train, sorted, still, again: read(), all: status() };
     """)
     assert answer["whole"] == answer["again"] == python_rows()  # a reset also clears the order
-    assert answer["ramp"] == python_rows(lambda r: r.light == "ramp")
-    assert answer["train"] == python_rows(lambda r: r.split == "train")
+    assert answer["ramp"] == python_rows(lambda r: r.what.light == "ramp")
+    assert answer["train"] == python_rows(lambda r: r.what.split == "train")
     assert (answer["said"], answer["all"]) == (
         "4 of 4 methods, 6 of 12 sequences.",
         "4 of 4 methods, 12 of 12 sequences.",
@@ -196,11 +196,11 @@ def test_single_answers_follow_what_is_shown_and_a_methods_name_lists_its_own(as
       return { all, some, said, own, whose, open, notes, first: read()[0][2] };
     """)
     records = make_records()
-    kept = [r for r in records if r.split == "train" and r.method.startswith("sd+")]
-    own = [r for r in kept if r.method == answer["first"]]
+    kept = [r for r in records if r.what.split == "train" and r.who.method.startswith("sd+")]
+    own = [r for r in kept if r.who.method == answer["first"]]
     assert len(answer["all"]) == len(records)
     for shown, expected in ((answer["some"], kept), (answer["own"], own)):
-        assert sorted(line[:2] for line in shown) == sorted([r.method, r.sequence] for r in expected)
+        assert sorted(line[:2] for line in shown) == sorted([r.who.method, r.what.sequence] for r in expected)
         assert all([records[int(line[7]) - 1].method, records[int(line[7]) - 1].note] == line[::8] for line in shown)
     assert answer["said"] == f"{len(kept)} answers, the worst first."
     assert answer["whose"].startswith(f"{len(own)} answers of {answer['first']}, the worst first.")
@@ -291,7 +291,7 @@ def usual(tmp_path_factory):
     ]
     made = Evaluation(tuple(records), (), (), plugins=describe_plugins(map(parse_method, methods)))
     out = tmp_path_factory.mktemp("usual")
-    write_report(out, evaluation=made, rows=rank_methods(records), title="usual", delivered=make_delivered())
+    write_evaluation(out, Leaderboard.of(made), title="usual", delivered=make_delivered())
     return out
 
 
@@ -327,7 +327,7 @@ def test_a_page_that_holds_some_of_the_answers_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(choose_answers, "__kwdefaults__", {"max_answers": 24})
     monkeypatch.setattr("saf_gen.leaderboard.report.page.MAX_ANSWERS", 3)
     made = replace(make_evaluation(), sweeps=())
-    write_report(tmp_path / "some", evaluation=made, rows=rank_methods(made.records), title="some")
+    write_evaluation(tmp_path / "some", Leaderboard.of(made), title="some")
     script = """
       const all = summary();
       page.querySelector("#board tbody a").click();
@@ -357,7 +357,7 @@ def crowded(tmp_path_factory):
         for light in MANY_LIGHTS
     ]
     out = tmp_path_factory.mktemp("crowded")
-    write_report(out, evaluation=Evaluation(tuple(records), (), ()), rows=rank_methods(records), title="crowded")
+    write_board(out, records)
     return out, [column.header for column in ranking(rank_methods(records)).shown]
 
 

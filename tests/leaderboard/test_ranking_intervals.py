@@ -12,8 +12,7 @@ from saf_gen.leaderboard.intervals import (
     median_interval,
     rate_intervals,
 )
-from saf_gen.leaderboard.outcomes import collect_outcomes
-from saf_gen.leaderboard.ranking import MethodIntervals, method_intervals, rank_intervals
+from saf_gen.leaderboard.ranking import MethodIntervals, collect_outcomes, method_intervals, rank_intervals
 
 
 def solved(method, shares, *, sequences=4):
@@ -26,7 +25,8 @@ def solved(method, shares, *, sequences=4):
 
 
 def intervals(**shares):
-    return method_intervals({name: solved(name, own) for name, own in shares.items()})
+    by_method = {name: solved(name, own) for name, own in shares.items()}
+    return method_intervals(by_method, collect_outcomes(by_method))
 
 
 def test_an_interval_of_scenes_with_one_sequence_each_is_that_of_a_proportion():
@@ -170,7 +170,7 @@ def test_outcomes_weigh_the_lights_of_a_scene_alike_and_count_what_is_no_answer(
         failed("m", "b0", "abstained", scene="b"),
         record("m", "c0", None, scene="c"),
     ]
-    found = collect_outcomes({"m": own, "unknown": [record("unknown", r.sequence, None) for r in own]})
+    found = collect_outcomes({"m": own, "unknown": [record("unknown", r.what.sequence, None) for r in own]})
     assert (found.methods, found.scenes, found.counts.tolist()) == (("m",), ("a", "b"), [4, 1])
     assert found.average_by_scene(found.success)[0] == pytest.approx([0.5, 0])
     assert np.isnan(found.errors[0]).tolist() == [False] * 4 + [True]

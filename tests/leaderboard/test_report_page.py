@@ -6,23 +6,25 @@ from pathlib import Path
 
 import pytest
 from handmade_evaluations import (
+    board_of,
     make_delivered,
     make_evaluation,
     make_lens_path,
     make_records,
     make_sweep,
     make_thumbnails,
+    write_board,
 )
 from handmade_records import failed, record
 from markupsafe import escape
 
 from saf_gen.benchmark.results import Evaluation, SequenceFailure
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.axes import MAX_SHOWN_BINS
-from saf_gen.leaderboard.report import write_report
+from saf_gen.leaderboard import Leaderboard, rank_methods
+from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.leaderboard.report.charts import plot_times
 from saf_gen.leaderboard.report.page import MAX_ANSWERS, _year, add_years, build_page, choose_answers, list_selections
-from saf_gen.leaderboard.tables import ranking
+from saf_gen.leaderboard.results import MAX_SHOWN_BINS
+from saf_gen.leaderboard.tables import ranking, shade
 
 pytestmark = pytest.mark.slow
 
@@ -89,7 +91,7 @@ def table_rows(text, table):
 
 def page_of(records, *, failures=(), charts=()):
     """The page of these records, without sweeps and plug-ins."""
-    return build_page(Evaluation(tuple(records), (), failures), rank_methods(records), title="x", charts=charts)
+    return build_page(board_of(records, failures=failures), title="x", charts=charts)
 
 
 def read(text):
@@ -160,7 +162,7 @@ def test_the_page_contains_the_table_the_columns_the_failures_and_the_digests(re
     text = report[2]
     for row in rows:
         assert f'<td class="name"><a href="#answers">{row.method}</a></td>' in text
-    for column in ranking(rows, shaded=True).shown:
+    for column in shade(ranking(rows)).shown:
         assert column.header in text
         assert escape(column.meaning) in text
     some = next(row for row in rows if 0 < row.answerable_1dof < 1)
@@ -208,7 +210,7 @@ def without_curves():
 
 def test_without_any_curve_sweeps_have_their_chart_and_viewer(tmp_path):
     made = without_curves()
-    write_report(tmp_path, evaluation=made, rows=rank_methods(made.records), title="no argmax")
+    write_evaluation(tmp_path, Leaderboard.of(made), title="no argmax")
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     reader = read(text)
     assert viewer_data(reader)["words"][0].startswith("frame 24, lens at 0.031, −3.8 DoF")
@@ -219,10 +221,15 @@ def test_without_any_curve_sweeps_have_their_chart_and_viewer(tmp_path):
     assert all((chart["lines"], chart["at"], chart["bands"]) == ([], [0.375], [[0.33, 0.42]]) for chart in charts)
 
 
+def test_the_code_of_a_measure_keeps_its_lines(report):
+    (code,) = re.findall(r'<pre [^>]*aria-label="sd.py">(.*?)</pre>', report[2], re.DOTALL)
+    assert "\n\nfrom dataclasses import dataclass\nfrom typing import ClassVar\n" in code
+
+
 def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
     """The rows of each table body are those of rank_methods on only the records of the selection."""
     records, text = make_records(), report[2]
-    shown = add_years(ranking(rank_methods(records), shaded=True), make_evaluation().plugins).shown
+    shown = add_years(shade(board_of(records).ranking), make_evaluation().plugins).shown
     bodies, data = table_rows(text, 'id="board"'), page_data(text)
     names = re.findall(r'<option value="\d+">(.*?)</option>', text)
     selections = list_selections(records)
@@ -231,7 +238,7 @@ def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
     everything = {"body": 0, "sequences": list(range(12))}
     for chosen in [everything, *data["selections"]]:
         sequences = {data["sequences"][number] for number in chosen["sequences"]}
-        rows = rank_methods([r for r in records if r.sequence in sequences])
+        rows = rank_methods([r for r in records if r.what.sequence in sequences])
         assert bodies[chosen["body"]] == [[c.text(row) for c in shown] for row in rows]
     assert len(bodies) == len({tuple(c["sequences"]) for c in [everything, *data["selections"]]})
     assert text.count("<tbody hidden>") == len(bodies) - 1
@@ -261,10 +268,10 @@ def make_many(sequences, *, scenes=4):
 def test_of_many_answers_the_page_holds_the_worst_of_each_method_and_of_all():
     held = choose_answers(make_many(400), max_answers=60)
     assert held.total == 400
-    answers = {(one.record.method, one.record.sequence) for one in held.answers}
+    answers = {(one.record.who.method, one.record.what.sequence) for one in held.answers}
     assert answers == {("a+s", f"s{i}") for i in range(300, 400)} | {("b+s", f"s{i}") for i in range(370, 400)}
     assert held.sequences == tuple(f"s{i}" for i in range(300, 400))
-    sizes = [abs(one.record.error_dof) for one in held.answers]
+    sizes = [abs(one.record.judgement.error_dof) for one in held.answers]
     assert sizes == sorted(sizes, reverse=True)
     assert len(choose_answers(make_many(50), max_answers=100).answers) == 100
 
@@ -299,7 +306,7 @@ def test_text_from_files_cannot_break_the_page(tmp_path):
     one = make_sweep(NASTY, scene=NASTY, split=NASTY, thumbnails=make_thumbnails())
     paths = (make_lens_path(f"{NASTY}+s", NASTY, scene=NASTY),)
     made = Evaluation(tuple(records), (one,), (SequenceFailure(NASTY, NASTY),), paths)
-    write_report(tmp_path / "out", evaluation=made, rows=rank_methods(records), title=NASTY)
+    write_evaluation(tmp_path / "out", Leaderboard.of(made), title=NASTY)
     reader = read((tmp_path / "out/index.html").read_text(encoding="utf-8"))
     assert len(reader.of("script")) == 2
     data = json.loads(reader.held["script"].split("/*!")[0])
@@ -312,8 +319,8 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
         record("sd+hill_climb", "camel-constant", 0.1, track="closed_loop", terms="voice_coil, 200 ms"),
         record("er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"),
     ]
-    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.method) for r in records))
-    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="loop")
+    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.who.method) for r in records))
+    write_evaluation(tmp_path, Leaderboard.of(made), title="loop")
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Path of the lens" in text
     assert "closed loop (voice_coil, 200 ms)" in text
@@ -329,9 +336,8 @@ def test_a_page_without_truth_says_that_nothing_ranks():
 
 def test_an_empty_evaluation_still_makes_a_page(tmp_path):
     failures = (SequenceFailure("bad", "truncated"),)
-    page = write_report(tmp_path, evaluation=Evaluation((), (), failures), rows=(), title="none")
-    assert page == tmp_path / "index.html"
-    text = page.read_text(encoding="utf-8")
+    write_board(tmp_path, [], failures=failures)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
     read(text)
     assert "truncated" in text
 
@@ -431,7 +437,7 @@ def test_the_headline_says_who_wins_or_that_the_scenes_cannot_say(right, scenes,
 def test_the_headline_counts_scenes_as_the_ranking_does():
     """Members and repeats of a scene are not scenes, however many there are."""
     records = [
-        record(method, f"x{member}", error, scene="x", variant=member)
+        record(method, f"x{member}", error, scene="x")
         for method, error in (("a+s", 0.0), ("b+s", 9.0))
         for member in range(5)
     ]
@@ -443,8 +449,7 @@ def test_the_headline_counts_scenes_as_the_ranking_does():
 def test_control_characters_in_what_was_delivered_are_escaped(tmp_path):
     records = make_records()
     shown = replace(make_delivered(), sequence="ca\x1bmel", answers=(("a\u202eb+s", 0.0), ("c+s", 1.0)))
-    made = Evaluation(tuple(records), (), ())
-    write_report(tmp_path, evaluation=made, rows=rank_methods(records), title="x", delivered=shown)
+    write_evaluation(tmp_path, board_of(records), title="x", delivered=shown)
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "\x1b" not in text
     assert "\u202e" not in text

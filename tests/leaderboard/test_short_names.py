@@ -1,14 +1,14 @@
 """Every leaderboard says once what its short names stand for, in the words of the plug-ins themselves."""
 
 import pytest
-from handmade_evaluations import make_evaluation
+from handmade_evaluations import board_of, make_evaluation, write_board
 from handmade_records import record
 
 from saf_gen.cli._tables import print_leaderboard
 from saf_gen.core.config.registry import names
-from saf_gen.leaderboard import rank_methods, write_leaderboard
+from saf_gen.leaderboard import Leaderboard
 from saf_gen.leaderboard.report.page import build_page
-from saf_gen.leaderboard.short_names import name_list, spell_out_names
+from saf_gen.leaderboard.results import spell_out_names
 
 RECORDS = [record(method, "a", 0.3) for method in ("sd+argmax", "sd+argmax:window=50", "vollath_f4_n+argmax_light")]
 LIST = (
@@ -47,22 +47,20 @@ def test_every_plugin_has_short_words_that_are_its_own():
     known = {*names("measures"), *names("searches")}
     assert known - set(words) == {"squared_gradient"}
     assert all(len(spelled) <= 55 and spelled[-1] not in ".:," for spelled in words.values())
-    assert not name_list(["their_network"])
 
 
 def test_the_terminal_and_leaderboard_md_spell_out_each_name_once(tmp_path, capsys):
-    rows = rank_methods(RECORDS)
-    print_leaderboard(rows, title="t", records=RECORDS)
+    board = board_of(RECORDS)
+    print_leaderboard(board.ranking, names=board.names, notes=board.notes)
     assert " ".join(capsys.readouterr().out.split()).count(LIST) == 1
-    write_leaderboard(tmp_path, rows=rows, records=RECORDS)
+    write_board(tmp_path, RECORDS)
     text = (tmp_path / "leaderboard.md").read_text(encoding="utf-8")
     assert text.count("Names: ") == text.count("Vollath's F4, divided by brightness") == 1
     assert "spike dispersion" not in (tmp_path / "leaderboard.csv").read_text(encoding="utf-8")
 
 
 def test_the_page_lists_the_names_beneath_the_table():
-    evaluation = make_evaluation()
-    page = build_page(evaluation, rank_methods(evaluation.records), title="t")
+    page = build_page(Leaderboard.of(make_evaluation()), title="t")
     folded = page.partition('<details id="names">')[2].partition("</details>")[0]
     assert "<dt><code>sd</code></dt><dd>spike dispersion</dd>" in folded
     assert page.index('id="board"') < page.index('id="names"') < page.index('id="methods"')

@@ -5,18 +5,17 @@ import json
 import re
 
 import pytest
+from handmade_evaluations import write_board
 from handmade_records import record
+from markupsafe import escape
 from rich.table import Table as Grid
 from rich.text import Text
 
-from saf_gen.benchmark.results import Evaluation, SequenceFailure
+from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.cli._tables import print_json, print_table
 from saf_gen.cli._terminal import out, print_error
-from saf_gen.core.plain_text import escape_all_text
 from saf_gen.core.table import Table
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.files import write_leaderboard
 
 STEERING = "\x1b[2J\x1b]0;title\x07\x9b31m\x7f\u202eevil\u2028next\ud800"
 NASTY = f"a|b\n| c | <script>alert(1)</script> `x` [y](http://z) {STEERING}"
@@ -68,9 +67,7 @@ def written(tmp_path_factory):
         for scene in ["=scene"]
     ]
     folder = tmp_path_factory.mktemp("written")
-    write_leaderboard(
-        folder, rows=rank_methods(records), records=records, failures=[SequenceFailure(f"=s {nasty}", f"bad {nasty}")]
-    )
+    write_board(folder, records, failures=[SequenceFailure(f"=s {nasty}", f"bad {nasty}")])
     return folder
 
 
@@ -99,17 +96,10 @@ def test_markdown_and_latex_hold_no_html_link_or_line_of_a_name(written):
     assert no_steering((written / "leaderboard.tex").read_text(encoding="utf-8"))
 
 
-def test_names_of_an_evaluation_are_escaped_for_page_and_figures():
-    plain = Evaluation((record("sd+argmax", "s", 0.1),), (), ())
-    assert escape_all_text(plain) is plain
-    nasty = Evaluation(
-        (record("a\x1b[2J", "s\n", 0.1, note="\u202e", trace=(1.0, 2.0)),), (), (SequenceFailure("x", "\x07"),)
-    )
-    shown = escape_all_text(nasty)
-    assert (shown.records[0].method, shown.records[0].sequence, shown.records[0].note) == (
-        r"a\x1b[2J",
-        r"s\n",
-        r"\u202e",
-    )
-    assert shown.records[0].trace == (1.0, 2.0)
-    assert shown.failures[0].problem == r"\x07"
+def test_the_page_shows_escapes_in_its_text_and_in_what_its_script_reads(written):
+    text = (written / "index.html").read_text(encoding="utf-8")
+    assert no_steering(text, keep="\n\t")
+    assert "<script>alert" not in text
+    data = json.loads(text.split('id="data-of-records">')[1].split("</script>")[0])
+    assert escape_controls(NASTY.replace("\ud800", "")) in data["answers"][0]  # the note
+    assert all(f">{escape(name)}</a>" in text for name in data["methods"]), "the script compares them"

@@ -3,9 +3,9 @@
 import json
 
 import pytest
+from handmade_evaluations import write_board
 from handmade_records import record
 
-from saf_gen.leaderboard import rank_methods, write_leaderboard
 from studies.ranking import result_tables
 
 LIGHTS = "constant", "darker"
@@ -36,7 +36,7 @@ def write(folder, *, track):
         for light in LIGHTS
     ]
     folder.mkdir()
-    write_leaderboard(folder, rows=rank_methods(records), records=records)
+    write_board(folder, records)
     return json.loads((folder / "leaderboard.json").read_text(encoding="utf-8")) | {"folder": folder}
 
 

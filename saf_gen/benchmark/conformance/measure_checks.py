@@ -66,8 +66,11 @@ def _check_statements(measure: Measure) -> str:
 
 
 def _check_finite(measure: Measure) -> str:
-    """Check that the measure returns a finite float for counts of any kind, with and without the window length."""
-    for name, counts in EDGE_CASE_COUNTS.items():
+    """Check that the measure returns a finite float for counts of any kind, with and without the window length.
+
+    No window of an evaluation is a single row or column, so a score of these that is not finite is a warning.
+    """
+    for name, counts in sorted(EDGE_CASE_COUNTS.items(), key=lambda case: 1 in case[1].shape):
         try:
             with user_code():
                 score = _window_scorer(measure)(counts)
@@ -80,7 +83,8 @@ def _check_finite(measure: Measure) -> str:
                 f"the score of {name} counts is not a float: {type(score).__name__} {score!r}", "return float(score)"
             )
         if not math.isfinite(score):
-            raise CheckFailure(f"the score of {name} counts is {score}", "return 0.0 instead of dividing by 0")
+            problem = CheckWarning if 1 in counts.shape else CheckFailure
+            raise problem(f"the score of {name} counts is {score}", "return 0.0 instead of dividing by 0")
     return f"a finite float for counts that are {', '.join(EDGE_CASE_COUNTS)}"
 
 

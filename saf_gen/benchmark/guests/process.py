@@ -1,70 +1,63 @@
 """The process of a guest: it loads one method, and runs it on what the evaluator sends.
 
-``python -m saf_gen.benchmark.guests.process DESCRIPTOR PATH SECONDS`` talks over its standard input and output, which
-it then closes for the method. It has neither the path nor the truth of a recording. If it cannot look for the evaluator
-for so many seconds, because a method holds the interpreter, it ends.
+It has neither the path nor the truth of a recording. Messages are JSON; each request has one reply.
 """
 
-import faulthandler
+import json
 import os
-import shutil
 import sys
-import threading
-import time
-from contextlib import suppress
 from dataclasses import asdict, replace
-from functools import partial
-from importlib.util import source_from_cache
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from saf_gen.benchmark.guests.host import end_marked
-from saf_gen.benchmark.guests.wire import SharedMemory, read_message, write_message
+from saf_gen.benchmark.guests.code_files import CodeFiles
+from saf_gen.core.child import Line, SharedMemory
 
 if TYPE_CHECKING:
     from saf_gen.errors import BadInput
 
-PARENT_CHECK_S = 2.0
-"""Time between two checks of whether the evaluator is still there."""
-MAX_FILE_BYTES = 1 << 30
-"""Largest file that a method may write."""
+MAX_MESSAGE_BYTES = 8 << 20
+"""Largest message, enough for a trace of the longest allowed length."""
+MAX_SCORES = 20_000
+"""Largest number of scores that are sent for charts."""
+to_json = json.JSONEncoder(separators=(",", ":")).encode  # json.dumps would make an encoder for each message
 
 
-class Line:
-    """The guest's end of the wire: each request has one reply."""
+class GuestLine:
+    """The guest's end of the line.
 
-    def __init__(self, incoming: BinaryIO, outgoing: BinaryIO, *, memory: SharedMemory) -> None:
-        self._incoming, self._outgoing, self.memory = incoming, outgoing, memory
-        self.owner, self.run, self._folder = os.getpid(), 0, Path.cwd().parent
-        self._sending = threading.RLock()  # any thread may open a file, which is told
+    Attributes
+    ----------
+    order : dict
+        The first message, after which a method may import its neighbours.
+    run : int
+        Number of the run to which messages belong.
+    """
+
+    def __init__(self) -> None:
+        self._line, self.run = Line(MAX_MESSAGE_BYTES), 0
+        self.order = self._read()
+        self.memory = SharedMemory.attach(*self.order["memory"])
+        sys.path[:0] = self.order["folders"]
+
+    def _read(self) -> dict[str, Any]:
+        """Return the next message; the process ends if the evaluator is gone."""
+        data = self._line.receive()
+        return json.loads(data) if data else os._exit(0)
 
     def send(self, message: dict[str, Any]) -> None:
-        """Send a message of the current run; a copy of this process, made by a method that forks, ends here."""
-        if os.getpid() != self.owner:
-            os._exit(1)
-        with self._sending:
-            write_message(self._outgoing, {**message, "run": self.run})
+        """Send a message of the current run."""
+        self._line.send(to_json({**message, "run": self.run}).encode())
 
     def receive(self) -> dict[str, Any]:
-        """Return the next message that is no ping; the process ends if the evaluator is gone."""
-        while True:
-            message = read_message(self._incoming)
-            if message is None:  # the evaluator was killed, or its folder would be gone already
-                _end(self._folder)
-            if "ping" not in message:
-                return message
+        """Return the next message that is no ping."""
+        while "ping" in (message := self._read()):
             if "shape" in message:
                 self.memory.read(message)
             self.send({"pong": 1})
-
-    def receive_order(self) -> dict[str, Any]:
-        """Return the first message, after which a method may import its neighbours."""
-        order = self.receive()
-        sys.path[:0] = order["folders"]
-        return order
+        return message
 
     def ask(self, message: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to a request; raises BudgetSpentError or BadInput if the reply says so."""
@@ -81,9 +74,9 @@ class Line:
 
 
 class RemoteView:
-    """The view of a recording or camera on the other side of the wire; see :class:`saf_gen.parts.View`."""
+    """The view of a recording or camera on the other side of the line; see :class:`saf_gen.parts.View`."""
 
-    def __init__(self, line: Line, start: dict[str, Any], *, measure: Any) -> None:
+    def __init__(self, line: GuestLine, start: dict[str, Any], *, measure: Any) -> None:
         from saf_gen.benchmark.view.restricted_view import MeteredScorer
 
         self._line, self.scorer = line, MeteredScorer(measure)
@@ -131,120 +124,25 @@ def _whole(number: Any) -> Any:
     return number.item() if isinstance(number, np.generic) else number
 
 
-class FilesRead:
-    """The files that Python opens for reading: those while a method is loaded, and later each new one at once.
-
-    Files of Python, of the machine and of the process's own folder are left out, except those of packages that offer
-    the method. A copy of this process tells nothing.
-    """
-
-    def __init__(self, line: Line) -> None:
-        self._line, self._loading, self._seen = line, True, set[str]()
-        self._own: tuple[str, ...] = ()
-        self._left_out = (*{sys.prefix, sys.base_prefix, str(Path.cwd())}, "/proc/", "/sys/", "/dev/")
-        sys.addaudithook(self._note)
-
-    def _note(self, event: str, details: tuple[Any, ...]) -> None:
-        if event not in _OPENING or not details:
-            return
-        name = details[1] if event == "import" else details[0]
-        if not isinstance(name, str | bytes) or (event == "open" and not _is_reading(details[2])):
-            return
-        with suppress(OSError, ValueError):
-            path = os.path.abspath(os.fsdecode(name))  # noqa: PTH100  pathlib is slower, and each call counts
-            if path in self._seen or path.endswith(_COMPILED) or os.getpid() != self._line.owner:
-                return
-            self._seen.add(path)
-            is_left_out = path.startswith(self._left_out) or "-packages/" in path  # those of Python, in any folder
-            if not self._loading and (path.startswith(self._own) or not is_left_out):
-                self._line.send({"opened": _source_of(path)})
-
-    def finish(self, modules: list[ModuleType], own: list[str]) -> list[str]:
-        """Return the paths of these modules and of the files that were opened; from now on each new one is told.
-
-        Files in the folders ``own`` belong to the method, wherever they are.
-        """
-        self._own, self._loading = tuple(f"{folder}{os.sep}" for folder in own), False
-        sources = [file for module in modules if (file := getattr(module, "__file__", None))]
-        paths = {Path(_source_of(path)).resolve() for path in (*self._seen, *sources)}
-        return sorted(str(path) for path in paths if path.is_file() and Path.cwd() not in path.parents)
-
-
-_COMPILED = (".nbi", ".nbc")
-"""Endings of the files in which numba keeps what it compiled."""
-_OPENING = ("open", "import", "ctypes.dlopen", "sqlite3.connect")
-"""Audit events (PEP 578) of which the first detail, or the second one of an import, is the path of a file."""
-
-
-def _is_reading(flags: Any) -> bool:
-    """Return whether a file is opened with its content, which a file that is made or emptied does not have."""
-    return not isinstance(flags, int) or not flags & (os.O_WRONLY | os.O_TRUNC | os.O_EXCL)
-
-
-def _source_of(path: str) -> str:
-    """Return the source of a compiled module, whose time stamp would change the digest."""
-    if path.endswith(".pyc") and "__pycache__" in path:
-        with suppress(ValueError, NotImplementedError):
-            return source_from_cache(path)
-    return path
-
-
-def main() -> None:
+def serve() -> NoReturn:
     """Serve the evaluator until it is gone."""
-    _serve(open_line())
-
-
-def open_line() -> Line:
-    """Return this end of the wire, which a method cannot use by mistake; this process now ends with the evaluator."""
-    descriptor, path = int(sys.argv[1]), sys.argv[2]
-    line = Line(os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb"), memory=SharedMemory.attach(descriptor, path))
-    with open(os.devnull) as nothing:  # noqa: PTH123
-        os.dup2(nothing.fileno(), 0)
-    os.dup2(2, 1)  # what the method prints goes where its errors go
-    _limit()
-    watch = partial(_end_with, os.getppid(), seconds=float(sys.argv[3]), folder=Path.cwd().parent)
-    threading.Thread(target=watch, daemon=True).start()
-    return line
-
-
-def _limit() -> None:
-    with suppress(ImportError):
-        import resource
-
-        with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_FILE_BYTES, MAX_FILE_BYTES))
-
-
-def _end_with(parent: int, *, seconds: float, folder: Path) -> None:
-    """End this process when its parent ends, also if a method never lets this thread run."""
-    nothing = open(os.devnull, "w")  # noqa: PTH123, SIM115
-    while os.getppid() == parent:
-        faulthandler.dump_traceback_later(seconds + 2 * PARENT_CHECK_S, exit=True, file=nothing)
-        time.sleep(PARENT_CHECK_S)
-    _end(folder)
-
-
-def _end(folder: Path) -> NoReturn:
-    """End this process and all that it started, and delete its folder."""
-    end_marked(folder)
-    shutil.rmtree(folder, ignore_errors=True)
-    os._exit(0)
-
-
-def _serve(line: Line) -> NoReturn:
     from saf_gen.benchmark.search_run import run_search
     from saf_gen.benchmark.view.restricted_view import BudgetSpentError
     from saf_gen.parts import Answer
 
-    order = line.receive_order()
-    method, hello = _load(order["load"], folders=order["folders"], read=FilesRead(line))
+    line = GuestLine()
+    files = CodeFiles(line.order["files"], line.order["folders"])
+    line.send({"files": files.digests()})  # before any code of the method runs
+    method, hello = _load(line.order["load"], files)
     line.send(hello)
     while True:
         message = line.receive()
         line.run = message["start"]
         if "rate" in message:
             line.send(_rate(method.measure, line.memory.read(message), frames=message["rate"]))
+            continue
+        if "digests" in message:
+            line.send({"files": files.digests()})
             continue
         view = RemoteView(line, message, measure=method.measure)
         try:
@@ -272,18 +170,13 @@ def _rate(measure: Any, image: np.ndarray, *, frames: int) -> dict[str, Any]:
 
 
 def refusal(error: "BadInput") -> dict[str, Any]:
-    """Return the message that lets the evaluator raise this error."""
+    """Return the message that lets the other end raise this error."""
     keys = ("problem", "allowed", "nearest", "hint", "where")
     return {"refused": {key: getattr(error, key) for key in keys}}
 
 
-MAX_SCORES = 20_000
-"""Largest number of scores that are sent for charts."""
-
-
-def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple[Any, dict[str, Any]]:
-    """Return the method and the first message, which describes it or says why it cannot be loaded."""
-    before = set(sys.modules)
+def _load(spec: dict[str, Any], files: CodeFiles) -> tuple[Any, dict[str, Any]]:
+    """Return the method and the message that describes it or says why it cannot be loaded."""
     from saf_gen.benchmark.method_spec import build_method, named_measures, nested_plugins, options_of
     from saf_gen.benchmark.plugin_description import describe_plugins
     from saf_gen.benchmark.search_run import describe_exception
@@ -297,12 +190,15 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
         with user_code():
             method = replace(build_method(spec["measure"], spec["search"]), name=spec["name"])
             classes = {type(nested) for half in (method.measure, method.search) for nested in nested_plugins(half)}
+            options = options_of(method.search)
             hello = {
                 "parameters": method.parameters,
                 "commands": commands(method.search),
                 "polarities": any(map(wants_polarities, nested_plugins(method.search))),
                 "measures": named_measures(method.search),
-                "search_options": _plain_options(options_of(method.search)),
+                "search_options": {
+                    key: value for key, value in options.items() if isinstance(value, int | float | str)
+                },
                 "measure": {key: bool(getattr(method.measure, key, False)) for key in ("halves", "intervals", "timed")},
                 "cost": asdict(declared_cost(method.measure, method.search)),
                 "plugins": [asdict(plugin) for plugin in describe_plugins([method])],
@@ -311,15 +207,8 @@ def _load(spec: dict[str, Any], *, folders: list[str], read: FilesRead) -> tuple
         return None, refusal(error)
     except Exception as error:  # noqa: BLE001  code of others may raise anything
         return None, {"broken": describe_exception(error)}
-    modules = [module for name, module in list(sys.modules.items()) if name not in before]
-    files = [str(file) for cls in classes for file in class_source_files(cls)]
-    packages = _packages_of(classes)
-    return method, {
-        **hello,
-        "class_files": files,
-        "packages": packages,
-        "read": read.finish(modules, packages + folders),
-    }
+    files.finish([file for cls in classes for file in class_source_files(cls)], _packages_of(classes))
+    return method, {**hello, "files": files.digests()}
 
 
 def _packages_of(classes: set[type]) -> list[str]:
@@ -327,12 +216,3 @@ def _packages_of(classes: set[type]) -> list[str]:
     names = {cls.__module__.partition(".")[0] for cls in classes} - {"saf_gen"}
     found = (getattr(sys.modules.get(name), "__path__", ()) for name in names)
     return sorted({str(Path(folder).resolve()) for folders in found for folder in folders})
-
-
-def _plain_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that are numbers, texts or flags."""
-    return {name: value for name, value in options.items() if isinstance(value, int | float | str)}
-
-
-if __name__ == "__main__":
-    main()

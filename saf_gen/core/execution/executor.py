@@ -1,8 +1,8 @@
 """Runs jobs, and the jobs that follow from them, on the cores of this machine or on a Dask cluster."""
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from multiprocessing.connection import wait
 
+from saf_gen.core.child import wait_for_any
 from saf_gen.core.cores import check_threads, usable_cores
 from saf_gen.core.execution.dask_cluster import Cluster, run_on_dask
 from saf_gen.core.execution.job import FollowUp, Job, JobResult, ReportProgress
@@ -60,7 +60,7 @@ def threads_needed(workers: int) -> int:
     algebra = 2 * (min(cores, 64) - 1)  # of numpy and of scipy, in each process
     render = 1 + 2 * cores + algebra
     recordings = workers * (2 + algebra) + 2 * max(cores, workers)
-    return 1 + render + recordings  # and the one that cleans up after all
+    return 1 + render + recordings  # each process has a supervisor
 
 
 def _run_on_cores(
@@ -75,8 +75,8 @@ def _run_on_cores(
 
     try:
         add(jobs)
-        while pipes := [pipe for pool in pools for pipe in pool.running]:
-            wait(pipes, timeout=0.2)
+        while running := [child for pool in pools for child in pool.running]:
+            wait_for_any(running, 0.2)
             for pool in pools:
                 for job, result, error in pool.collect(report):
                     if error is None:

@@ -1,10 +1,5 @@
 """The report of an evaluation: an HTML page, and the folder that holds all files."""
 
-from saf_gen.leaderboard.report.evaluation_folder import (
-    WrittenEvaluation,
-    check_replaceable,
-    write_evaluation,
-    write_report,
-)
+from saf_gen.leaderboard.report.evaluation_folder import WrittenEvaluation, check_replaceable, write_evaluation
 
-__all__ = ["WrittenEvaluation", "check_replaceable", "write_evaluation", "write_report"]
+__all__ = ["WrittenEvaluation", "check_replaceable", "write_evaluation"]

@@ -13,27 +13,15 @@ from typing import Any
 import numpy as np
 
 from saf_gen.benchmark.evaluate import DRAWN_SEQUENCES
+from saf_gen.benchmark.method_spec import measure_and_search
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Evaluation, LensPath, SweepSummary
+from saf_gen.benchmark.results import LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.core.cores import usable_cores
-from saf_gen.leaderboard.method_comparison import MethodComparison, Profile
-from saf_gen.leaderboard.outcomes import group_by
-from saf_gen.leaderboard.ranking import LeaderboardRow
-from saf_gen.leaderboard.report.viewer import SequenceViewer, build_viewer
-from saf_gen.leaderboard.sweep_lines import (
-    PREDICTIONS_LABEL,
-    choose_answers,
-    find_runs,
-    frames_in_focus,
-    frames_to_axis,
-    group_answers,
-    group_coincident,
-    normalise,
-    position_axis,
-    split_method,
-    truth_crossings,
-)
+from saf_gen.leaderboard.board import Leaderboard
+from saf_gen.leaderboard.ranking import LeaderboardRow, Profile, group_by
+from saf_gen.leaderboard.report.pictures import SequenceViewer, build_viewer, frames_to_axis, position_axis
+from saf_gen.optics.focus_crossings import focus_crossings
 
 MAX_LINES = 8
 """Largest number of lines in a chart: more colours could not be distinguished."""
@@ -42,6 +30,8 @@ MAX_SEARCHES = 6
 MAX_NAMES = 3
 """Largest number of measures that are named for one line; the number of others is given."""
 LENS_POINTS = 300
+PREDICTIONS_LABEL = "predictions"
+"""Label in place of a search, for answers of another program."""
 INK, SOFT = -1, -2
 """Styles of lines that belong to no method: the truth, and the lens."""
 PROFILE_LABELS: Mapping[str, tuple[str, str]] = {
@@ -97,16 +87,16 @@ def plot_times(rows: Sequence[LeaderboardRow]) -> Times | None:
     )
 
 
-def make_charts(evaluation: Evaluation, rows: Sequence[LeaderboardRow], *, comparison: MethodComparison) -> list[Chart]:
-    """Return the charts of an evaluation: profiles, then sweeps or paths of the lens by scene."""
-    order = {row.method: number for number, row in enumerate(rows)}
-    records = sorted(evaluation.records, key=lambda r: order.get(r.method, len(order)))
-    paths = sorted(evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
-    measures = list(dict.fromkeys(split_method(row.method)[0] for row in rows))
+def make_charts(board: Leaderboard) -> list[Chart]:
+    """Return the charts of a leaderboard: profiles, then sweeps or paths of the lens by scene."""
+    order = {method: number for number, method in enumerate(board.methods)}
+    records = sorted(board.records, key=lambda r: order.get(r.who.method, len(order)))
+    paths = sorted(board.evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
+    measures = list(dict.fromkeys(measure_and_search(method)[0] for method in board.methods))
     return [
-        *_chart_profiles(comparison.profiles),
-        *_chart_sweeps(evaluation.sweeps, records, measures=measures),
-        *_chart_paths(paths, evaluation.records),
+        *_chart_profiles(board.comparison.profiles),
+        *_chart_sweeps(board.evaluation.sweeps, records, measures=measures),
+        *_chart_paths(paths, board.records),
     ]
 
 
@@ -128,7 +118,7 @@ def _chart_profiles(profiles: Sequence[Profile]) -> list[Chart]:
 def _chart_sweeps(sweeps: Sequence[SweepSummary], records: Sequence[Record], *, measures: list[str]) -> list[Chart]:
     chosen = select_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], DRAWN_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
-    by_sequence = group_by(records, "sequence")
+    by_sequence = group_by(records, "what.sequence")
     with ThreadPoolExecutor(usable_cores()) as pool:  # encoding pictures leaves Python's lock
         viewers = pool.map(build_viewer, [sweeps[number] for number in chosen])
         return [
@@ -151,13 +141,13 @@ def chart_sweep(sweep: SweepSummary, records: Sequence[Record], *, measures: Seq
     MAX_SEARCHES searches.
     """
     to_axis, over_frames = frames_to_axis(sweep), position_axis(sweep) is None
-    answers = group_answers(records, measures)
+    answers = _group_answers(records, measures)
     curves = {curve.measure: curve for curve in sweep.curves}
-    groups = group_coincident(sweep, measures)[:MAX_LINES]
+    groups = _group_coincident(sweep, measures)[:MAX_LINES]
     answered = {measure for by_measure in answers.values() for measure in by_measure}
     uncurved = [m for m in measures if m in answered and m not in curves][: MAX_LINES - len(groups)]
     styles = {measure: number for number, group in enumerate([*groups, *([m] for m in uncurved)]) for measure in group}
-    rows = choose_answers(answers, list(styles), most=MAX_SEARCHES)
+    rows = _choose_answers(answers, list(styles), most=MAX_SEARCHES)
     brightest = float(np.nanmax(sweep.rate, initial=0.0)) or 1.0
     lines = [
         _line(_name_group(group), (to_axis(curves[group[0]].frames), normalise(curves[group[0]].scores)), style=number)
@@ -193,13 +183,78 @@ def _mark_truth(sweep: SweepSummary, *, over_frames: bool) -> dict[str, list[Any
     """Return the places of the truth on the axis (``at``), and the depths of focus around them (``bands``)."""
     lens = sweep.focus_position
     if over_frames and lens is not None:
-        bands = [[first, stop] for first, stop in find_runs(frames_in_focus(sweep, lens))]
-        return {"at": _short(truth_crossings(sweep, lens)), "bands": bands}
+        bands = [[first, stop] for first, stop in _find_runs(_frames_in_focus(sweep, lens))]
+        return {"at": _short(_truth_crossings(sweep, lens)), "bands": bands}
     truth = sweep.truth_frame if over_frames else sweep.truth
     if not isfinite(truth):
         return {"at": [], "bands": []}
     has_depth = not over_frames and all(map(isfinite, sweep.depth_of_focus))
     return {"at": _short([truth]), "bands": [_short(sorted(sweep.depth_of_focus))] if has_depth else []}
+
+
+def _frames_in_focus(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+    """Return whether the lens is within the depth of focus in each frame, bool (T,); False if that is unknown."""
+    offset = _focus_offset(sweep, lens)
+    near, far = sorted(sweep.depth_of_focus)
+    return np.asarray((offset >= near - sweep.truth) & (offset <= far - sweep.truth))
+
+
+def _find_runs(where: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first and the stop index of each run of True in ``where``, bool (T,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], where.astype(int), [0]))))
+    return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
+
+
+def _truth_crossings(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+    """Return the frames at which the lens crosses the truth."""
+    return focus_crossings(_focus_offset(sweep, lens), 0.0)
+
+
+def _focus_offset(sweep: SweepSummary, lens: np.ndarray) -> np.ndarray:
+    """Return lens minus truth in each frame, float64 (T,), as a fraction of the travel."""
+    return np.asarray(np.asarray(lens, dtype=np.float64) - (sweep.truth if sweep.track is None else sweep.track))
+
+
+def normalise(scores: np.ndarray) -> np.ndarray:
+    """Return scores (B,) scaled to the range 0 to 1; constant scores become 0, and NaN stays NaN."""
+    values = np.asarray(scores, dtype=np.float64)
+    finite = values[np.isfinite(values)]
+    if finite.size == 0 or finite.max() == finite.min():
+        return np.where(np.isfinite(values), 0.0, np.nan)
+    return np.asarray((values - finite.min()) / (finite.max() - finite.min()))
+
+
+def _group_answers(records: Sequence[Record], measures: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return the frame of each answer of these measures by search and measure, in the order of ``records``."""
+    answers: dict[str, dict[str, float]] = {}
+    for record in records:
+        measure, search = measure_and_search(record.who.method)
+        if measure in measures and record.judgement.frame is not None:
+            answers.setdefault(search, {})[measure] = record.judgement.frame
+    return answers
+
+
+def _group_coincident(sweep: SweepSummary, measures: Sequence[str]) -> list[list[str]]:
+    """Return groups of measures with the same curve, in the order of ``measures``."""
+    drawn = {c.measure: normalise(c.scores) for c in sweep.curves}
+    groups: list[list[str]] = []
+    for measure in (name for name in measures if name in drawn):
+        for group in groups:
+            a, b = drawn[measure], drawn[group[0]]
+            if a.shape == b.shape and np.allclose(a, b, atol=1e-3, equal_nan=True):
+                group.append(measure)
+                break
+        else:
+            groups.append([measure])
+    return groups
+
+
+def _choose_answers(
+    answers: Mapping[str, Mapping[str, float]], shown: Sequence[str], *, most: int
+) -> dict[str, dict[str, float]]:
+    """Return the answers of the measures in ``shown``, of the first ``most`` searches that have any."""
+    chosen = {s: {m: f for m, f in frames.items() if m in shown} for s, frames in answers.items()}
+    return dict([(search, frames) for search, frames in chosen.items() if frames][:most])
 
 
 def _name_group(measures: Sequence[str]) -> str:
@@ -255,7 +310,7 @@ def _describe_omission(drawn: int, total: int, *, noun: str) -> str:
 
 def _describe_omissions_by_scene(records: Sequence[Record], drawn: Sequence[tuple[str | None, str]]) -> dict[Any, str]:
     """Return, by scene, a sentence with the number of its sequences that are drawn; '' if all are drawn."""
-    counts = Counter(scene for scene, _ in {((r.split, r.scene), r.sequence) for r in records})
+    counts = Counter(scene for scene, _ in {((r.what.split, r.what.scene), r.what.sequence) for r in records})
     return {
         scene: f"Drawn: {number} of the scene's {counts[scene]} sequences." if number < counts[scene] else ""
         for scene, number in Counter(drawn).items()

@@ -1,5 +1,6 @@
 """Output of an evaluation to a folder, which replaces an earlier evaluation there and keeps other files.
 
+There are JSON and CSV for programs, and Markdown, LaTeX and a page for readers.
 All files of a new evaluation are first written to a staging folder. Renaming it to ``.evaluation.ready`` is the moment
 at which the new evaluation replaces the earlier one. A run that is killed before this moment leaves the earlier
 evaluation intact. After it, records are read from the renamed folder until all files have been moved; if the run is
@@ -9,12 +10,13 @@ killed, the next run moves the rest.
 import json
 import os
 import shutil
-from collections.abc import Sequence, Set
-from dataclasses import dataclass
+from collections.abc import Set
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from saf_gen.benchmark.records import READY, RECORDS_FILE
-from saf_gen.benchmark.results import Evaluation
+from saf_gen import __version__
+from saf_gen.benchmark.records import READY, RECORDS_FILE, write_records
 from saf_gen.core.cores import defer_termination
 from saf_gen.core.files import (
     read_start,
@@ -25,13 +27,16 @@ from saf_gen.core.files import (
     unwritable,
     write_text,
 )
-from saf_gen.core.plain_text import escape_all_text, plural
+from saf_gen.core.plain_text import escape_markdown, plural
 from saf_gen.errors import BadInput, escape_controls
-from saf_gen.leaderboard.files import LEADERBOARD_FILES, Results, compute_results, write_curves, write_leaderboard
-from saf_gen.leaderboard.ranking import LeaderboardRow
+from saf_gen.leaderboard import tables
+from saf_gen.leaderboard.board import Leaderboard
+from saf_gen.leaderboard.intervals import CONFIDENCE
+from saf_gen.leaderboard.ranking import RULE
 from saf_gen.leaderboard.report.charts import make_charts
-from saf_gen.leaderboard.report.delivered import Delivered
 from saf_gen.leaderboard.report.page import build_page
+from saf_gen.leaderboard.report.pictures import Delivered
+from saf_gen.leaderboard.results import AxisResults, describe_records, list_names
 
 STAGING = "evaluation"
 STALE = "stale.txt"
@@ -41,7 +46,11 @@ CURVES_START = "measure,"
 PAGE_MARK = "data-of-records"
 MARKS = {RECORDS_FILE: '"saf-gen record ', "leaderboard.json": '"saf-gen leaderboard"'}
 """Files that say at their beginning that they are of an evaluation; its page says so, too."""
-FILES = (*LEADERBOARD_FILES, RECORDS_FILE, *CURVES, PAGE)
+TABLES = (
+    *("leaderboard.json", "leaderboard.csv", "leaderboard.md", "leaderboard.tex"),
+    *("axes.csv", "profiles.csv", "neighbours.csv"),
+)
+FILES = (*TABLES, RECORDS_FILE, *CURVES, PAGE)
 
 
 @dataclass(frozen=True)
@@ -53,26 +62,19 @@ class WrittenEvaluation:
 
 
 def write_evaluation(
-    folder: str | Path,
-    *,
-    evaluation: Evaluation,
-    rows: Sequence[LeaderboardRow],
-    title: str,
-    delivered: Delivered | None = None,
+    folder: str | Path, board: Leaderboard, *, title: str, delivered: Delivered | None = None
 ) -> WrittenEvaluation:
-    """Write the tables, curves and page of an evaluation, replacing an earlier evaluation in the folder.
+    """Write the records, tables, curves and page of an evaluation, replacing an earlier evaluation in the folder.
 
     Everything is first written to a staging folder: if this fails or is stopped, the earlier evaluation remains
-    unchanged. Files that no evaluation wrote are kept.
+    unchanged. Files that no evaluation wrote are kept. None becomes null in JSON and an empty field in CSV.
 
     Parameters
     ----------
     folder : str or Path
         Folder to write to.
-    evaluation : Evaluation
-        The evaluation.
-    rows : sequence of LeaderboardRow
-        Rows of its leaderboard, best first.
+    board : Leaderboard
+        The leaderboard of the evaluation.
     title : str
         Heading of the page.
     delivered : Delivered, optional
@@ -89,21 +91,18 @@ def write_evaluation(
         If the disk is full or the folder cannot be written.
     """
     final = Path(folder)
-    earlier = _describe_earlier(final, splits={record.split for record in evaluation.records})
-    results = compute_results(rows, evaluation.records)
+    earlier = _describe_earlier(final, splits={record.what.split for record in board.records})
+    texts = format_tables(board)
+    texts[PAGE] = build_page(board, title=title, charts=make_charts(board), delivered=delivered)
     try:
         with temporary_folder(final / STAGING) as part:
-            staged = write_leaderboard(
-                part, rows=rows, records=evaluation.records, failures=evaluation.failures, results=results
-            )
-            staged += write_curves(part, evaluation.curves)
-            staged.append(
-                write_report(part, rows=rows, evaluation=evaluation, title=title, delivered=delivered, results=results)
-            )
-            paths = tuple(final / path.name for path in staged)
+            for name, text in texts.items():
+                write_text(part / name, text)
+            write_records(part / RECORDS_FILE, board.records)
             _publish(part, final)
     except OSError as error:
         raise unwritable(Path(error.filename2 or error.filename or final), error) from error
+    paths = tuple(final / name for name in FILES if name in (*texts, RECORDS_FILE))
     return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
 
 
@@ -129,50 +128,85 @@ def check_replaceable(folder: Path) -> None:
         )
 
 
-def write_report(
-    folder: str | Path,
-    *,
-    evaluation: Evaluation,
-    rows: Sequence[LeaderboardRow],
-    title: str,
-    delivered: Delivered | None = None,
-    results: Results | None = None,
-) -> Path:
-    """Write the page of an evaluation, which is replaced atomically, and return its path.
+def format_tables(board: Leaderboard) -> dict[str, str]:
+    """Return the texts of the files of a leaderboard except its records and page, by name."""
+    texts = (
+        _format_json(board),
+        board.ranking.to_csv(),
+        _format_markdown(board),
+        board.ranking.up_to(tables.INTERVALS).to_latex(),
+        tables.bin_lines(board.axes).to_csv(),
+        tables.profile_lines(board.comparison.profiles).to_csv(),
+        board.neighbours.to_csv(),
+    )
+    curves = board.evaluation.curves
+    of_curves = (tables.curves(curves).to_csv(), board.measures.to_csv()) if curves else ()
+    return dict(zip(TABLES, texts, strict=True)) | dict(zip(CURVES, of_curves, strict=False))
 
-    Parameters
-    ----------
-    folder : str or Path
-        Folder in which index.html is written.
-    evaluation : Evaluation
-        The evaluation.
-    rows : sequence of LeaderboardRow
-        Rows of its leaderboard, best first.
-    title : str
-        Heading of the page.
-    delivered : Delivered, optional
-        What some methods delivered, for the page.
-    results : Results, optional
-        Results of the evaluation, if they have been computed already.
 
-    Returns
-    -------
-    Path
-        The page.
+def _format_json(board: Leaderboard) -> str:
+    document = {
+        "format": "saf-gen leaderboard",
+        "version": __version__,
+        "ranked_by": RULE,
+        "columns": {column.name: column.meaning for column in board.ranking.columns},
+        "rows": [{**values, "tied": row.tied} for values, row in zip(board.to_dicts(), board, strict=True)],
+        "intervals": {
+            "unit": "scene",
+            "confidence": CONFIDENCE,
+            "simultaneous": {"ranks": "all rivals of a row", "others": "each interval alone"},
+            "unknown": next((row.missing_reason for row in board if row.missing_reason), None),
+        },
+        "axes": list(map(_axis_to_json, board.axes)),
+        "profiles": [asdict(one) for one in board.comparison.profiles],
+        "neighbours": board.neighbours.to_dicts(),
+        "notes": board.notes,
+        "grain": [asdict(grain) for grain in board.grain],
+        **describe_records(board.records),
+        "machines": sorted({r.who.machine for r in board.records}),
+        "failures": [asdict(failure) for failure in board.evaluation.failures],
+    }
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
-    Raises
-    ------
-    BadInput
-        If the page cannot be written.
-    """
-    page, original = Path(folder) / PAGE, evaluation
-    evaluation, rows, title, delivered = map(escape_all_text, (evaluation, tuple(rows), title, delivered))
-    if results is None or evaluation is not original:  # the results need the escaped names
-        results = compute_results(rows, evaluation.records)
-    charts = make_charts(evaluation, rows, comparison=results.comparison)
-    text = build_page(evaluation, rows, title=title, charts=charts, delivered=delivered, results=results)
-    write_text(page, text)
-    return page
+
+def _axis_to_json(results: AxisResults) -> dict[str, Any]:
+    return {
+        "axis": results.axis.name,
+        "meaning": results.axis.meaning,
+        "bins": [
+            {"bin": one.name, "scenes": one.scenes, "sequences": one.sequences, "without": one.without}
+            for one in results.bins
+        ],
+        "methods": {
+            method: [asdict(one.results[method]) for one in results.bins] for method in results.bins[0].results
+        },
+    }
+
+
+def _format_markdown(board: Leaderboard) -> str:
+    ranking, comparison, failures = board.ranking, board.comparison, board.evaluation.failures
+    meanings = [f"- **{escape_markdown(c.header)}**: {escape_markdown(c.meaning)}\n" for c in ranking.shown]
+    parts = [
+        "# Leaderboard\n",
+        ranking.to_markdown(),
+        *([f"{escape_markdown(list_names(board.names))}\n"] if board.names else []),
+        escape_markdown(" ".join(board.notes)) + "\n",
+        "".join(meanings),
+    ]
+    if failures:
+        lines = [f"- {escape_markdown(f'{f.sequence}: {f.problem}')}\n" for f in failures]
+        parts.append(f"Not read:\n\n{''.join(lines)}")
+    if comparison.neighbours:
+        parts.append(f"## Neighbours in rank\n\n{board.neighbours.to_markdown()}")
+        for quantity, heading in (("error_dof", "Within depths of focus"), ("time_s", "In focus within seconds")):
+            if group := [profile for profile in comparison.profiles if profile.quantity == quantity]:
+                parts.append(f"## {heading}\n\n{tables.profiles(group).to_markdown()}")
+    parts += [
+        f"## {axis.title}\n\n{axis.meaning} Answerable success within 1 DoF (median error in DoF).\n\n"
+        + table.to_markdown(explain=True)
+        for axis, table in board.conditions
+    ]
+    return "\n".join(parts)
 
 
 def _describe_earlier(folder: Path, *, splits: Set[str | None]) -> str:

@@ -1,31 +1,34 @@
 """The page of an evaluation: one HTML file that contains its style, script and charts, and needs no network."""
 
+import base64
+import hashlib
+import json
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from importlib.resources import files
 from itertools import groupby
 from math import inf
+from typing import Any
 
-from markupsafe import Markup
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from saf_gen import __version__
+from saf_gen.benchmark.method_spec import measure_and_search
 from saf_gen.benchmark.plugin_description import PluginDescription
 from saf_gen.benchmark.records import Record
-from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Column, Table, percent
+from saf_gen.errors import escape_controls
 from saf_gen.leaderboard import tables
-from saf_gen.leaderboard.axes import AXES, Axis, group_by_bin, keep_largest, largest_bins
-from saf_gen.leaderboard.files import Results, compute_results
-from saf_gen.leaderboard.notes import grain_by_scene, notes_on
-from saf_gen.leaderboard.outcomes import describe_size, group_by
-from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
+from saf_gen.leaderboard.board import Leaderboard
+from saf_gen.leaderboard.ranking import LeaderboardRow, describe_size, group_by, rank_methods
 from saf_gen.leaderboard.report.charts import Chart, plot_times
-from saf_gen.leaderboard.report.delivered import Delivered
-from saf_gen.leaderboard.report.html import hash_script, load_templates, read_asset
-from saf_gen.leaderboard.short_names import spell_out_names
-from saf_gen.leaderboard.sweep_lines import split_method
+from saf_gen.leaderboard.report.pictures import Delivered
+from saf_gen.leaderboard.results import AXES, Axis, group_by_bin, largest_bins
 
 SCRIPTS = ("uplot/uPlot.iife.min.js", "tables.js", "board.js", "charts.js", "viewer.js")
 STYLES = ("uplot/uPlot.min.css", "page.css")
@@ -37,6 +40,11 @@ MAX_HELD = 5000
 LOOKING = {"target": "looking at the target", "frame": "looking at the whole frame"}
 """What the first line of a page says of the regions where methods look."""
 NAMED_LEADERS = 3
+MAX_TOGETHER_CHARACTERS = 60
+"""Largest total length of the headings of columns that are shown together, at which they are shown at first.
+
+The tables by condition and the view of all columns always show them.
+"""
 OURS = "This project"
 """Beginning of the source of a measure or search that was published here."""
 EVERYBODYS = "Exhaustive search"
@@ -45,7 +53,7 @@ YEARS_MEANING = (
     "Years of the measure and, if it has a source, of the search; here: this project. The link leads to them."
 )
 _DOI = re.compile(r"doi:\S+")
-SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.split)
+SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.what.split)
 _SWEEP = (
     "Grey: the light, as mean counts. Yellow: the depth of focus around the true focus. At the top: the "
     "answers of each search with each measure. Each picture shows a part of the sweep: TFP counts its spikes, TFI "
@@ -147,55 +155,47 @@ class PageSection:
 
 
 def build_page(
-    evaluation: Evaluation,
-    rows: Sequence[LeaderboardRow],
-    *,
-    title: str,
-    charts: Sequence[Chart] = (),
-    delivered: Delivered | None = None,
-    results: Results | None = None,
+    board: Leaderboard, *, title: str, charts: Sequence[Chart] = (), delivered: Delivered | None = None
 ) -> str:
     """Return the page of an evaluation as HTML, which is readable without its script.
 
     Parameters
     ----------
-    evaluation : Evaluation
-        The evaluation.
-    rows : sequence of LeaderboardRow
-        Rows of its leaderboard, best first.
+    board : Leaderboard
+        The leaderboard of the evaluation.
     title : str
         Heading, such as the name of the dataset.
     charts : sequence of Chart, optional
         Charts of the page.
     delivered : Delivered, optional
         What some methods delivered.
-    results : Results, optional
-        Results of the evaluation, if they have been computed already.
 
     Returns
     -------
     str
         The page.
     """
-    records, failures, plugins = evaluation.records, evaluation.failures, evaluation.plugins
+    rows, records, methods = board.rows, board.records, board.methods
+    failures, plugins = board.evaluation.failures, board.evaluation.plugins
     selections = list_selections(records)
-    ranked = list(dict.fromkeys([tuple(rows), *(s.rows for s in selections)]))
+    ranked = list(dict.fromkeys([rows, *(s.rows for s in selections)]))
     held = choose_answers(records)
     answers = tables.answers(held.answers)
-    methods = [row.method for row in rows]
-    digests = {r.sequence: r.data for r in records}
-    codes = {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records}
+    digests = {r.what.sequence: r.what.data for r in records}
+    codes = {
+        r.who.method: f"{r.who.code}, constants of {r.who.tuning}" if r.who.tuning else r.who.code for r in records
+    }
     numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
-    script = read_asset(*SCRIPTS)
+    script = _read_asset(*SCRIPTS)
     return (
         load_templates()
         .get_template("page.html")
         .render(
             title=title,
             script=script,
-            script_hash=hash_script(script),
-            style=read_asset(*STYLES),
+            script_hash=_hash_script(script),
+            style=_read_asset(*STYLES),
             summary=_summarise(rows, records),
             judged=_say_what_is_judged(records),
             headline=_headline(rows, records),
@@ -203,12 +203,12 @@ def build_page(
             delivered=delivered,
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
-            sections=_list_sections(evaluation, results or compute_results(rows, records), charts=charts),
+            sections=_list_sections(board, charts),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
-            board=add_years(tables.ranking(rows, shaded=True), plugins),
+            board=add_years(tables.shade(board.ranking), plugins),
             ranked=ranked,
-            names=spell_out_names(methods),
-            notes=" ".join(notes_on(rows, records)),
+            names=board.names,
+            notes=" ".join(board.notes),
             answers=replace(answers, rows=answers.rows[:MAX_ANSWERS]),
             plugins=_group_plugins(plugins),
             code=_list_code(plugins),
@@ -231,8 +231,8 @@ def build_page(
                 ],
                 "answers": [
                     [
-                        methods.index(one.record.method),
-                        numbers[one.record.sequence],
+                        methods.index(one.record.who.method),
+                        numbers[one.record.what.sequence],
                         *(column.text(one) for column in answers.columns[2:]),
                     ]
                     for one in held.answers
@@ -244,14 +244,14 @@ def build_page(
 
 
 def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:
-    scenes = len({r.scene for r in records})
+    scenes = len({r.what.scene for r in records})
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
     return ", ".join(
         [
             f"{plural(len(rows), 'autofocus method')} (focus measure + search) on {plural(scenes, 'scene')}",
             describe_size(records),
-            *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
-            *(LOOKING.get(name, f"looking at the box {name!r}") for name in sorted({r.region for r in records})),
+            *sorted({tracks[r.what.track] + (f" ({r.what.terms})" if r.what.terms else "") for r in records}),
+            *(LOOKING.get(name, f"looking at the box {name!r}") for name in sorted({r.who.region for r in records})),
         ]
     )
 
@@ -267,10 +267,13 @@ def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Mark
     best, others = leaders[0], len(rows) - len(leaders)
     level = sum(row.level_with_best is not False for row in rows if row.rank != 1)  # None: too few scenes to test
     more = f" and {len(leaders) - NAMED_LEADERS} more" if len(leaders) > NAMED_LEADERS else ""
-    names = Markup(", ").join(Markup("<code>{}</code>").format(row.method) for row in leaders[:NAMED_LEADERS]) + more
+    names = (
+        Markup(", ").join(Markup("<code>{}</code>").format(_to_html(row.method)) for row in leaders[:NAMED_LEADERS])
+        + more
+    )
     answerable = plural(best.answerable or 0, "sequence")
     right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
-    scenes = plural(len({record.scene for record in records}), "scene")
+    scenes = plural(len({record.what.scene for record in records}), "scene")
     if len(rows) == 1:
         return Markup("{}: {}.").format(names, right)
     if level == others and (others or len(leaders) > 1):
@@ -295,7 +298,7 @@ def add_years(board: Table, plugins: Sequence[PluginDescription]) -> Table:
     sources = {(one.plugin_kind, one.name): dict(one.facts).get("source", "") for one in plugins}
 
     def years(row: LeaderboardRow) -> str | None:
-        measure, search = split_method(row.method)
+        measure, search = measure_and_search(row.method)
         known = [_year(sources.get(("measures", measure), "")), _year(sources.get(("searches", search), ""))]
         return " + ".join(filter(None, known)) or None
 
@@ -313,7 +316,7 @@ def _year(source: str) -> str:
 
 def _say_what_is_judged(records: Sequence[Record]) -> str:
     """Return sentences about the task of the methods and what is judged."""
-    if {record.track for record in records} == {"closed_loop"}:
+    if {record.what.track for record in records} == {"closed_loop"}:
         return (
             "Each method commands the lens of a running spike camera, sees only its spikes, and moves the lens to the"
             " position where the target is sharp. The final position of the lens is judged."
@@ -336,28 +339,28 @@ def _list_code(plugins: Sequence[PluginDescription]) -> dict[tuple[str, str], st
     return {file: f"code-{number}" for number, file in enumerate(files, start=1)}
 
 
-def _list_sections(evaluation: Evaluation, results: Results, *, charts: Sequence[Chart]) -> list[PageSection]:
+def _list_sections(board: Leaderboard, charts: Sequence[Chart]) -> list[PageSection]:
     """Return the sections that are not empty: comparison of methods, scenes, conditions, measures and grain."""
     by_scene = group_by(charts, "scene")
     compared = _group_charts(by_scene.pop("", []))
-    by_axis = [(one.axis, tables.by_bin(one)) for one in map(keep_largest, results.axes) if len(one.bins) > 1]
     sections = []
-    if pairs := results.comparison.neighbours:
+    if board.comparison.neighbours:
         sections.append(
-            PageSection("neighbours", "Methods compared", compared, (), tables.neighbours(pairs), NEIGHBOUR_CAPTION)
+            PageSection("neighbours", "Methods compared", compared, (), board.neighbours, NEIGHBOUR_CAPTION)
         )
     sections += [
         PageSection(f"scene-{number}", scene, _group_charts(own))
         for number, (scene, own) in enumerate(by_scene.items(), start=1)
     ]
-    if by_axis:
-        sections.append(PageSection("conditions", "By condition", (), by_axis))
-    if curves := evaluation.curves:
-        table = tables.measures(curves)
-        sections.append(PageSection("measures", "Curves of the measures", table=table, caption=MEASURES_CAPTION))
-    if grain := grain_by_scene(evaluation.records):
-        table = tables.grain(grain)
-        sections.append(PageSection("grain", "Grain of the pictures", table=table, caption=GRAIN_CAPTION))
+    if board.conditions:
+        sections.append(PageSection("conditions", "By condition", axes=board.conditions))
+    if board.evaluation.curves:
+        sections.append(
+            PageSection("measures", "Curves of the measures", table=board.measures, caption=MEASURES_CAPTION)
+        )
+    if board.grain:
+        grain = tables.grain(board.grain)
+        sections.append(PageSection("grain", "Grain of the pictures", table=grain, caption=GRAIN_CAPTION))
     return sections
 
 
@@ -376,17 +379,17 @@ def choose_answers(records: Sequence[Record], *, max_answers: int = MAX_HELD) ->
     If there are more than ``max_answers`` answers, the page holds the worst of each method, as many of every method,
     and the MAX_ANSWERS worst of all.
     """
-    methods = {record.method for record in records}
+    methods = {record.who.method for record in records}
     each = len(records) if len(records) <= max_answers else max(1, max_answers // len(methods))
-    sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
+    sizes = [inf if record.judgement.error_dof is None else abs(record.judgement.error_dof) for record in records]
     of_method: Counter[str] = Counter()
     held: list[Answer] = []
     for at in sorted(range(len(records)), key=lambda at: -sizes[at]):
-        of_method[records[at].method] += 1
-        if len(held) < MAX_ANSWERS or of_method[records[at].method] <= each:
+        of_method[records[at].who.method] += 1
+        if len(held) < MAX_ANSWERS or of_method[records[at].who.method] <= each:
             held.append(Answer(at + 1, records[at]))
-    known = {answer.record.sequence for answer in held}
-    names = list(dict.fromkeys(record.sequence for record in records))
+    known = {answer.record.what.sequence for answer in held}
+    names = list(dict.fromkeys(record.what.sequence for record in records))
     return HeldAnswers(tuple(held), tuple(name for name in names if name in known), len(names))
 
 
@@ -400,10 +403,84 @@ def list_selections(records: Sequence[Record]) -> list[Selection]:
     selections = []
     for axis in (SPLIT, *AXES):
         bins = group_by_bin(records, axis)
-        members = {name: tuple(dict.fromkeys(r.sequence for r in group)) for name, group in bins.items()}
+        members = {name: tuple(dict.fromkeys(r.what.sequence for r in group)) for name, group in bins.items()}
         for name in largest_bins({name: len(group) for name, group in members.items()}) if len(bins) > 1 else ():
             sequences = members[name]
             if sequences not in ranked:
                 ranked[sequences] = rank_methods(bins[name])
             selections.append(Selection(axis.title, name, sequences, ranked[sequences]))
     return selections
+
+
+@cache
+def load_templates() -> Environment:
+    """Return the templates of the page, with their filters; every text that is not marked as HTML is escaped."""
+    templates = Environment(
+        loader=PackageLoader("saf_gen.leaderboard.report", "assets"),
+        autoescape=True,
+        finalize=lambda value: value if isinstance(value, Markup) else _escape_steering(value),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    templates.filters["base64"] = lambda data: base64.b64encode(data).decode()
+    templates.filters["css_percent"] = lambda fraction: f"{100 * fraction:.4g}%"
+    templates.filters["fold_rules"] = _format_fold_rules
+    templates.filters["link_sources"] = _link_sources
+    templates.filters["percent"] = percent
+    templates.filters["breakable"] = lambda method: Markup(re.sub("([+:,])", r"\1<wbr>", str(_to_html(method))))
+    templates.filters["lines"] = partial(_to_html, keep="\n\t")
+    templates.policies["json.dumps_function"] = _to_json
+    templates.policies["json.dumps_kwargs"] = {}
+    return templates
+
+
+def _to_html(text: str, *, keep: str = "") -> Markup:
+    return escape(escape_controls(text, keep=keep))
+
+
+def _escape_steering(item: Any) -> Any:
+    """Return a text, or the texts of lists and mappings, with escapes in place of characters that reorder letters."""
+    if isinstance(item, str):
+        return escape_controls(item)
+    if isinstance(item, Mapping):
+        return {key: _escape_steering(value) for key, value in item.items()}
+    return list(map(_escape_steering, item)) if isinstance(item, list | tuple) else item
+
+
+def _to_json(item: Any) -> str:
+    return json.dumps(_escape_steering(item), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def _read_asset(*names: str) -> Markup:
+    """Return the joined text of files in ``assets``, for a style or script element."""
+    folder = files("saf_gen.leaderboard.report") / "assets"
+    return Markup("\n".join((folder / name).read_text(encoding="utf-8") for name in names))
+
+
+def _hash_script(script: str) -> str:
+    """Return the base64-encoded SHA-256 by which the content security policy of a page allows its script."""
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def _format_fold_rules(table: Table, id: str) -> Markup:
+    """Return the style rules that hide the columns of a folded table for which the screen has no space."""
+    shown = table.shown
+    is_long = sum(len(column.header) + 3 for column in shown if column.together) > MAX_TOGETHER_CHARACTERS
+    rules = []
+    for where, is_always in (("all", True), ("screen and (max-width: 40rem)", False)):
+        cells = ", ".join(
+            f"#{id}.folded tr:not(.groups) > :nth-child({number})"
+            for number, column in enumerate(shown, start=1)
+            if column.detail and is_always == (column.detail > tables.USUAL or bool(column.together and is_long))
+        )
+        rules += [f"@media {where} {{ {cells} {{ display: none; }} }}"] if cells else []
+    return Markup("\n".join(rules))
+
+
+def _link_sources(text: str) -> Markup:
+    """Return the text as HTML with a link for each DOI."""
+    linked = re.sub(
+        r"\bdoi:(10\.\S+?)(?=[.,;)]*(?:\s|$))", r'<a href="https://doi.org/\1">doi:\1</a>', str(_to_html(text))
+    )
+    return Markup(linked)

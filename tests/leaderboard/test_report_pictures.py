@@ -4,13 +4,13 @@ import io
 
 import numpy as np
 import pytest
+from handmade_evaluations import board_of
 from handmade_records import record
 from PIL import Image
 from planted_sweeps import SHAPE, write_three_sweeps
 
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
-from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.report.delivered import SHOWN, picture_answers
+from saf_gen.leaderboard.report.pictures import SHOWN, picture_answers
 
 PEAKS = {"one": 200.0, "two": 400.0, "three": 600.0}
 
@@ -44,7 +44,7 @@ def pictures(delivered):
 
 def test_the_first_and_the_last_method_are_shown_on_the_recording_with_the_median_difference(tasks):
     made = answers(good=dict.fromkeys(PEAKS, 0.0), bad={"one": 90.0, "two": 150.0, "three": 190.0})
-    found = picture_answers(tasks, made, rows=rank_methods(made))
+    found = picture_answers(tasks, board_of(made))
     assert found.sequence == "two"
     assert [method for method, _ in found.answers] == ["good+s", "bad+s"]
     assert found.answers[1][1] == pytest.approx(150 / 799 / 0.1, abs=1e-3)
@@ -56,7 +56,7 @@ def test_the_first_and_the_last_method_are_shown_on_the_recording_with_the_media
 
 def test_of_many_methods_some_are_shown_from_the_first_to_the_last(tasks):
     made = answers(**{f"m{n}": dict.fromkeys(PEAKS, 20.0 * n) for n in range(9)})
-    found = picture_answers(tasks, made, rows=rank_methods(made))
+    found = picture_answers(tasks, board_of(made))
     assert [method for method, _ in found.answers] == ["m0+s", "m2+s", "m4+s", "m6+s", "m8+s"]
     assert found.strip.count == SHOWN
 
@@ -66,7 +66,7 @@ def test_there_are_no_pictures_without_two_answers_to_compare(tasks):
     silent = answers(good={"one": 0.0, "two": None, "three": None}, bad={"one": None, "two": 9.0, "three": 9.0})
     closed = [record(m, "one", 0.1, frame=3.0, track="closed_loop", terms="t") for m in ("a+s", "b+s")]
     for records in (one, silent, closed, []):
-        assert picture_answers(tasks, records, rows=rank_methods(records)) is None
+        assert picture_answers(tasks, board_of(records)) is None
 
 
 def test_a_stream_that_has_gone_costs_the_pictures_alone(tmp_path):
@@ -75,4 +75,4 @@ def test_a_stream_that_has_gone_costs_the_pictures_alone(tmp_path):
     made = answers(good=dict.fromkeys(PEAKS, 0.0), bad=dict.fromkeys(PEAKS, 90.0))
     for path in (folder / "train").glob("*.h5"):
         path.unlink()
-    assert picture_answers(tasks, made, rows=rank_methods(made)) is None
+    assert picture_answers(tasks, board_of(made)) is None

@@ -3,12 +3,12 @@
 import csv
 
 import pytest
+from handmade_evaluations import write_board
 from handmade_records import record
 from refusals import refusal
 
 import saf_gen
-from saf_gen.leaderboard import rank_methods, write_leaderboard
-from saf_gen.leaderboard.reading import read_leaderboard
+from saf_gen.leaderboard import read_leaderboard
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def evaluation(tmp_path):
     """The folder of an evaluation of two methods on two sequences: the first is right on one, the second on both."""
     records = [record("sd+argmax", "a", 0.0), record("sd+argmax", "b", 3.0)]
     records += [record("<b>+argmax", name, 0.0) for name in "ab"]
-    write_leaderboard(tmp_path, rows=rank_methods(records), records=records)
+    write_board(tmp_path, records)
     return tmp_path
 
 
