@@ -6,8 +6,8 @@ What an import reads otherwise than Mitsuba shows there, be it a pose, a lamp or
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
+from saf_gen.authoring.meshes import encode_png
 from saf_gen.render.exported_camera import SENSOR_WIDTH_M, source_picture
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
@@ -55,5 +55,4 @@ def _write(path: Path, source: np.ndarray, *, imported: np.ndarray) -> None:
     white = max(float(np.quantile(source, 0.99)), 1e-30)
     parts = np.concatenate([source, imported, np.abs(imported - source)], axis=1)
     grey = np.round(255 * np.clip(parts / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
-    size = (ENLARGED * grey.shape[1], ENLARGED * grey.shape[0])
-    Image.fromarray(grey).resize(size, Image.Resampling.NEAREST).save(path)
+    path.write_bytes(encode_png(np.kron(grey, np.ones((ENLARGED, ENLARGED), np.uint8))))

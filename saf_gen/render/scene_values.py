@@ -12,6 +12,7 @@ import numpy as np
 
 from saf_gen.errors import BadInput
 from saf_gen.render.backend import read_picture
+from saf_gen.render.meshes import black_triangles
 from saf_gen.scene.xml import NOT_RENDERED
 
 LIGHT = frozenset({"radiance", "irradiance", "intensity"})
@@ -59,17 +60,9 @@ def check_meshes(scene: Any, described: Mapping[str, Any], *, where: str) -> Non
         for attribute, role in roles.items():
             if attribute in values:
                 _check(np.array(values[attribute]), f"{attribute} of {name}", role=role, where=where)
-        if "vertex_normals" not in values:  # a rectangle or a cube
-            continue
-        normals, points = (np.array(values[f"vertex_{key}"]).reshape(-1, 3) for key in ("normals", "positions"))
-        faces = np.array(values["faces"]).reshape(-1, 3)
-        if not (normals.size and (dark := ~(np.abs(normals) > 1e-6).any(axis=1)).any()):
-            continue
-        without = faces[dark[faces].all(axis=1)]
-        a, b, c = (points[without[:, k]] for k in range(3))
-        if count := int((np.abs(np.cross(b - a, c - a)) > 0).any(axis=1).sum()):
+        if count := black_triangles(values):
             raise BadInput(
-                f"{name}: the normals of {count:,} of {len(faces):,} triangles have no length, so they are black",
+                f"{name}: the normals of {count:,} triangles have no length, so they are black",
                 where=where,
                 hint="export it without normals",
             )

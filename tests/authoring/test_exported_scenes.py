@@ -399,7 +399,7 @@ WRONG = {
         "",
     ),
     "bright paint": (COLOURED, "vertex_color of mesh 'print' is 200", "0 to 1"),
-    "no normals": (SQUARE.format(MATT.format(""), ""), "normals of 2 of 2 triangles have no length", ""),
+    "no normals": (SQUARE.format(MATT.format(""), ""), "normals of 2 triangles have no length", ""),
     "coded normals": (SQUARE.format(BUMPS, ""), "the normal map is decoded as sRGB", ""),
 }
 
