@@ -325,7 +325,7 @@ def rgb(value):
 WORDS = {
     "two numbers": (rgb("1, 0"), "the colour is '1, 0'", "three numbers"),
     "words for a colour": (rgb("a, b, c"), "the colour is 'a, b, c'", "three numbers"),
-    "too bright": (rgb("2, 2, 2"), "the reflectance is 2, 2, 2", "0 to 1"),
+    "too bright": (rgb("2, 2, 2"), "reflectance of 'ball' is 2", "0 to 1"),
     "text for a colour": (MATT.format('<string name="reflectance" value="red"/>'), "reflectance is a string", "float"),
     "unknown property": (MATT.format('<float name="albedo" value="1"/>'), "diffuse has no albedo", ""),
     "a comma": ('<float name="radius" value="1,5"/>', "the number is '1,5'", "decimal point"),
