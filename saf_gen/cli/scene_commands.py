@@ -66,7 +66,7 @@ def list_scenes_command(
             err.print(escape_controls(f"{folder.resolve()}: {words}"), soft_wrap=True, markup=False)
     columns = [
         Column("scene", "id"),
-        Column("title", "title", str if as_json else lambda title: shorten(title, TITLE_WIDTH, placeholder=" …")),
+        Column("title", "title", str if as_json else lambda title: shorten(title, TITLE_WIDTH, placeholder=" ...")),
         Column("light groups", "lights", ", ".join, detail=1),
         Column("licence", "licence", detail=2),
         Column("lens", "lens.summary", detail=3),
