@@ -128,7 +128,7 @@ def thin(radius):
         ([WORLD, LAMP], "no lamp"),
         ([(LOOK, '<scale value="0"/>')], "to_world of the camera gives it no direction"),
         ([thin("nan")], "aperture_radius of the camera is nan; allowed"),
-        ([thin(1e-5)], "0.5695 m away, f/1.2e+03 blurs the target by 0.00"),
+        ([thin(1e-5)], "0.5695 m away, f/1.2e+03 blurs the target by 0.015 pixels"),
     ],
 )
 def test_an_export_that_cannot_be_used_is_refused(here, edited, pairs, message):
