@@ -718,4 +718,4 @@ def connects_to_this_machine(view):
 def leaves_by_a_namespace_of_its_own(view):
     ctypes.CDLL(None).unshare(0x10020000)  # a namespace of users, and one of mounts
     with suppress(OSError):
-        return Answer(99.0, note=str(list(Path(tempfile.gettempdir()).parents[1].iterdir())))
+        return Answer(99.0, note=str(len(list(Path("/").iterdir()))))

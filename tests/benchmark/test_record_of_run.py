@@ -170,7 +170,7 @@ def run_to(position, truth, *, region="target", method="sd+golden_section", opti
     sequence = ClosedLoopSequence(None, capture, (slice(0, 1), slice(0, 1)), region, None, "d")
     path = np.linspace(0, position or 0, 100)
     run = Run(Answer(position=position), "", path, 100, windows=3, seconds=0.1, commands=(0.0, position or 0.0))
-    return sequence.make_record(Who(method, "c", region), BLANK.what, run)
+    return sequence.make_record(Who(method, "c", region), BLANK.what, run=run)
 
 
 def test_the_leaderboard_gives_both_successes_only_where_some_lens_needs_them():

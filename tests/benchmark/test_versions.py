@@ -27,8 +27,8 @@ from saf_gen.stack.focal_stack import FocalStack, StackSpec
 from saf_gen.stack.time_resolved import PlaneSource
 from saf_gen.stream.metadata import Truth
 
-RECORDED = "f1f44b4a9370ae7c58ba8ab3862cbad9b0d2db428e231dd5a57f585728fb3238"
-CLOSED_LOOP = "23b52c22231e668232e18588d6f0c0921b89057f0516f9fd28d243fd87cc4820"
+RECORDED = "431de541ffdf171336f173508f6e34e6e4ab812f5922e25cbe32f4ec7c3dbf0c"
+CLOSED_LOOP = "6bd8d455943102f5274d6071b020337e972f0d5e5f0ba6d2969636df4fed97b4"
 OBSERVED = "9cb5c9ecb1a99a538b511e2a5281280b7105914663e1c193a2b6be00dd4687ad"
 FRAMES, ROWS, COLUMNS, PEAK = 800, 24, 32, 300
 BOARD = np.where(np.add.outer(np.arange(ROWS) // 4, np.arange(COLUMNS) // 4) % 2, 1, -1)
@@ -139,7 +139,7 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured(), method, protocol=protocol)
             who = Who(method.name, "", "target")
-            records.append(sequence.make_record(who, replace(BLANK.what, track="closed_loop"), run))
+            records.append(sequence.make_record(who, replace(BLANK.what, track="closed_loop"), run=run))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 

@@ -35,8 +35,8 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 def make_record(
     who: Who,
     what: What,
-    run: Run,
     *,
+    run: Run,
     truth: Truth,
     end_s: Callable[[int], float],
     optima: Mapping[str, float],
