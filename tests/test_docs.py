@@ -33,6 +33,7 @@ import trimesh
 import yaml
 from pydantic import TypeAdapter
 from small_dataset import HERE, SCENES
+from whole_scenes import write_whole_scene
 
 import saf_gen.leaderboard.report.evaluation_folder  # noqa: F401  so that reports are made without figures
 from saf_gen import SpikeWindows
@@ -355,6 +356,7 @@ def desk(tmp_path_factory):
     recipe.write_text(shrunk(text.replace(", low_texture, camel", "")))
     shutil.copytree(SCENES / "workbench", folder / "exported", ignore=shutil.ignore_patterns("*.yaml", "*.md"))
     trimesh.creation.box().export(folder / "crate.glb")
+    write_whole_scene(folder / "desk.glb")
     run(folder, ["saf-gen", "generate", recipe.name, "--out", "datasets/quickstart"])
     shutil.copy(folder / "datasets/quickstart/test/usaf_target-sudden-00.h5", folder / "sequence.h5")
     return folder
