@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 RECORD = {
     "method": "sd+argmax", "sequence": "camel-constant-00", "status": "answered", "position": 0.25,
-    "frame": 1000.0, "trace": [1.0, None], "error": -0.01, "error_frames": -40.0, "error_dof": -0.3,
+    "frame": 1000.0, "trace": [1.0, None], "error": -0.01, "truth_frame": 1040.0, "error_dof": -0.3,
     "frames_seen": 4000, "lens_travel": 1.0, "operations": 1e6, "seconds": 0.5, "code": "a1b2", "machine": "one",
 }  # fmt: skip
 
@@ -121,17 +121,17 @@ def test_a_key_that_the_table_of_names_knows_under_both_names_is_equal(baseline,
 
 
 def test_what_only_one_commit_has_is_listed_and_fails_only_if_asked(hold, read, tmp_path):
-    before, after = read(), read(error_frames=...)
+    before, after = read(), read(truth_frame=...)
     before["recipe claims"] = {"stack keys": {"camel": "a", "fan": "b"}}
     code, shown = hold(before, after)
     assert code == 0
     assert "| −camel, −fan |" in shown
-    assert "| −sd+argmax camel-constant-00 error_frames |" in shown
+    assert "| −sd+argmax camel-constant-00 truth_frame |" in shown
     assert "3 in one commit only" in shown
 
 
 def test_strict_fails_for_what_only_one_commit_has(hold, read):
-    assert hold(read(), read(error_frames=...), "--strict")[0] == 1
+    assert hold(read(), read(truth_frame=...), "--strict")[0] == 1
 
 
 def test_values_of_the_same_kind_with_no_name_in_common_fail(hold, read):

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from browser import CHROMIUM, NO_CHROMIUM, run_in_page
+from handmade_records import change
 
 from saf_gen.benchmark.records import format_records, read_records
 from saf_gen.stream.dataset import index_folder
@@ -149,9 +150,9 @@ def test_untrusted_evaluations_are_merged_without_harm(desk, at_desk):
     theirs = desk / "judged" / "theirs"
     theirs.mkdir(exist_ok=True)
     records = [
-        replace(r, method=f"{BITE}+argmax", code="x", note=BITE, parameters="evil.py:Evil", machine=BITE)
+        change(r, method=f"{BITE}+argmax", code="x", note=BITE, parameters="evil.py:Evil", machine=BITE)
         for r in read_records(mine)
-        if r.method == "sd+argmax"
+        if r.who.method == "sd+argmax"
     ]
     (theirs / "records.jsonl").write_text(format_records(records), encoding="utf-8")
     code, _, _ = at_desk("leaderboard", "merge", "judged", "judged/theirs", "--out", "merged")

@@ -29,7 +29,7 @@ def test_a_tenth_of_the_grid_is_complete_and_shows_the_claims_of_the_paper(tmp_p
         verify_entry(tmp_path / "grid", entry)
         assert entry.frames == 20_000
     records = evaluate(tmp_path / "grid", methods=METHODS, split="all").records
-    right = {m: [bool(r.success_1dof) for r in records if r.method == m] for m in METHODS}
+    right = {m: [bool(r.success()) for r in records if r.who.method == m] for m in METHODS}
     assert all(right["sd+argmax"])
     assert all(right["sd_calibrated+photon_aware"])
     assert not all(right["er_count+argmax"])

@@ -47,7 +47,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "mitsuba", "drjit", "h5py")
 NAMES: dict[str, dict[str, tuple[str, ...]]] = {
     "answer": {"position": ("position",), "frame": ("frame",), "status": ("status",)},
     "trace": {"trace": ("trace",)},
-    "error": {"error": ("error",), "error_frames": ("error_frames",), "error_dof": ("error_dof",)},
+    "error": {name: (name,) for name in ("truth", "truth_frame", "error", "error_dof", "time_to_focus_s")},
     "cost": {"frames_seen": ("frames_seen",), "lens_travel": ("lens_travel",), "operations": ("operations",)},
 }
 """Values of a record that are compared, by the row of the table that counts them, each with the keys under which a

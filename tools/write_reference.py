@@ -20,6 +20,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from saf_gen.benchmark import records
 from saf_gen.benchmark.curve_quality import CurveQuality
 from saf_gen.benchmark.plugin_description import (
     build_or_class,
@@ -28,7 +29,6 @@ from saf_gen.benchmark.plugin_description import (
     search_kind,
     summarise_plugin,
 )
-from saf_gen.benchmark.records import Record
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
@@ -265,8 +265,9 @@ def curve_criteria() -> str:
 
 def record_keys() -> str:
     """Return the table of the keys of a line of records.jsonl."""
-    said = field_docs(Record)
-    return table("key", "meaning", rows=([f"`{field.name}`", tick(said[field.name])] for field in fields(Record)))
+    meanings = [(part.__name__.lower(), *item) for part in records.PARTS for item in field_docs(part).items()]
+    meanings += [("follows", key, getattr(records.Judgement, key).__doc__) for key in records.FOLLOWING]
+    return table("part", "key", "meaning", rows=([part, f"`{key}`", tick(text)] for part, key, text in meanings))
 
 
 PARTS: dict[str, Callable[[], str]] = {

@@ -211,7 +211,9 @@ def evaluate(
     in_order = [parts[number] for number in sorted(parts)]
     return Evaluation(
         records=tuple(
-            replace(record, failed_check=failed[record.code]) if record.code in failed else record
+            replace(record, who=replace(record.who, failed_check=failed[record.who.code]))
+            if record.who.code in failed
+            else record
             for part in in_order
             for record in part.records
         ),

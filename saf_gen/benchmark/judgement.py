@@ -1,4 +1,4 @@
-"""Judgement of one answer: error, blur, success and lens travel, computed by pure functions of numpy arrays.
+"""Judgement of one run: where the lens was at the answer, the truth at that moment, and what the answer cost.
 
 An error is the answer minus the truth. The truth is the optical focus of the target, never a frame chosen by hand, so
 a stream whose best focus is unknown gives no error in any unit. An abstention or a failure has no error either: it is
@@ -6,40 +6,63 @@ counted separately, not as a large error.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from saf_gen.benchmark.records import BLANK, Judgement, Obstacle
+from saf_gen.benchmark.search_run import withhold
 from saf_gen.optics.focus_crossings import focus_crossings
+from saf_gen.parts import Answer
+from saf_gen.stream.metadata import Truth
+from saf_gen.stream.optima import sharpness_lost
 
-SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
-"""Largest distances from the truth, in depths of focus, that count as a success."""
 MIN_GAIN_RATIO = 1e-3
 """Smallest gain, as a fraction of the light's largest gain; a smaller gain is replaced by it."""
+ARRIVAL_TOLERANCE_DOF = 0.25
+"""Distance from its last position, in depths of focus, within which the lens counts as arrived."""
+DEFAULT_DEPTH_OF_FOCUS = 0.01
+"""Depth of focus, as a fraction of the travel, that is assumed for ARRIVAL_TOLERANCE_DOF if it is unknown."""
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """The errors, blur, success and lens travel of one answer; None means unknown."""
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a method did on a sequence.
 
-    position: float | None = None
-    """Lens position at the answer, as a fraction of the travel."""
-    error: float | None = None
-    """Answer minus truth, as a fraction of the travel."""
-    error_frames: float | None = None
-    """Answer minus ``truth_frame``, in frames; None if the lens never crosses the truth."""
-    truth: float | None = None
-    """Best focus at the answer, or at the first crossing if there is no answer, as a fraction of the travel."""
-    truth_frame: float | None = None
-    """Frame of the focus crossing nearest to the answer, or of the first crossing if there is no answer."""
-    error_dof: float | None = None
-    """``error`` divided by the depth of focus, which is the distance between its near and far ends."""
-    blur_px: float | None = None
-    """Diameter of the target's blur at the answer, in pixels, or in widths that the camera resolves if waves matter."""
-    success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
-    """For each of SUCCESS_LIMITS_DOF, whether the answer is a success within that limit."""
-    lens_travel: float | None = None
-    """Distance that the lens moved, in travels; see travel_to_answer."""
+    Attributes
+    ----------
+    answer : Answer
+        Answer of the method.
+    problem : str
+        Why the method failed, or ''.
+    path : ndarray of float, shape (T,)
+        Lens position at each frame, as fractions of the travel. Recorded track: at each frame of the recording; empty
+        if it states none. Closed loop: at each frame up to the end, when the lens stands where the method sent it.
+    frames_seen : int
+        Number of frames up to the last one that the method looked at; in the closed loop, until the method was done.
+    windows : int
+        Number of windows that the method scored or looked at.
+    seconds : float
+        Computing time of the method, in seconds.
+    operations : float or None
+        Operations that the method declares, of all windows that it scored or looked at; None if it is charged none.
+    reference_rate : float or None
+        Operations per second of a reference measure on the same region; None if ``operations`` is.
+    commands : tuple of float
+        Closed loop: initial position of the lens, followed by every position to which it was sent. () in the recorded
+        track, where no method moves the lens.
+    """
+
+    answer: Answer
+    problem: str
+    path: np.ndarray
+    frames_seen: int
+    windows: int
+    seconds: float
+    operations: float | None = None
+    reference_rate: float | None = None
+    commands: tuple[float, ...] = ()
 
 
 def lens_position(frame: float, focus_position: np.ndarray) -> float:
@@ -134,84 +157,94 @@ def light_ratio(gain: np.ndarray | None) -> float | None:
     return float((brightest[on] / darkest[on]).max())
 
 
-def judge(
-    frame: float | None,
-    *,
-    frames_seen: int,
-    focus_position: np.ndarray | None,
-    truth: float = math.nan,
-    track: np.ndarray | None = None,
-    truth_frame: float = math.nan,
-    ends: tuple[float, float] = (math.nan, math.nan),
-) -> Judgement:
-    """Judge an answer on one recording.
+def judge(run: Run, truth: Truth, *, end_s: Callable[[int], float], obstacle: Obstacle | None = None) -> Judgement:
+    """Judge what a method did on a sequence, on either track.
 
     Parameters
     ----------
-    frame : float or None
-        Frame of the answer, counted from 0; may be fractional. None is an abstention.
-    frames_seen : int
-        Number of frames from the beginning that the method looked at.
-    focus_position : ndarray of float, shape (T,), or None
-        Lens position at the middle of each readout, as fractions of the travel; None if not recorded.
-    truth : float, optional
-        Best focus, as a fraction of the travel; NaN if unknown.
-    track : ndarray of float, shape (T,), optional
-        Best focus over time if the target moves in depth; ``truth`` is then its value at ``truth_frame``.
-    truth_frame : float, optional
-        Frame at which the lens first crosses the truth; if NaN, it is determined from ``focus_position``.
-    ends : tuple of float, optional
-        Near and far ends of the depth of focus, as fractions of the travel; NaN if unknown.
+    run : Run
+        The run of the method.
+    truth : Truth
+        Truth of the recording. If the target moves in depth, ``track`` has its best focus at each frame.
+    end_s : callable
+        Returns the seconds from the beginning to the end of a number of frames.
+    obstacle : str, optional
+        What keeps every method from the focus; if the recording is blank, no answer counts.
 
     Returns
     -------
     Judgement
-        Errors, blur, success and lens travel.
+        Answer, truth and cost; optimum and grain of the measure are left out.
 
     Notes
     -----
-    An abstention is a success only if no answer could have been one, that is, if no lens position of the recording is
-    within the limit. A larger limit therefore makes more answers right and fewer abstentions right, and the success
-    rate within a small limit can exceed the rate within a larger limit.
+    The tracks differ in the moment that is judged. In a recording it is the frame that a method answers with, wherever
+    it looked; the lens goes on, and is brought back to that frame, at the cost of the way. A method of the closed loop
+    moves the lens itself, and is judged by where the lens stands in the end; the truth is that of the end, too, even
+    if the method gives no answer.
 
     A lens or a track that is not finite in every frame is treated as not recorded. Everything that depends on it is
     None for answers and abstentions alike, whatever the frame of the answer. All methods are thus judged on the same
     recordings, and no method gains by answering where the truth is unknown.
-
-    The blur grows linearly with the distance from the truth and is one pixel at each end of the depth of focus. In
-    pixels it is therefore ``|position - truth|`` divided by half the depth of focus. This is exact for a flat target
-    and the ``image_distance`` and ``focal_length`` drives (c = 2R·|1 - v/v_o| and c = 2R·v·|1/u_o - 1/u|, both linear
-    in the drive's coordinate), and holds to first order for the stage.
     """
-    if track is not None and not (math.isfinite(truth) and np.isfinite(track).all()):
-        truth, truth_frame, track = math.nan, math.nan, None
-    if focus_position is None or len(focus_position) == 0 or not np.isfinite(focus_position).all():
-        return Judgement(truth=_finite_or_none(truth), truth_frame=_finite_or_none(truth_frame))
-    lens = np.asarray(focus_position, dtype=np.float64)
-    offset = lens - (truth if track is None else track)
-    crossing = focus_crossing(frame, offset=offset, truth_frame=truth_frame)
-    position = None if frame is None else lens_position(frame, lens)
-    known = Judgement(
+    answer = withhold(run.answer, f"the recording has {obstacle}" if obstacle in BLANK else "")
+    answered = not run.problem and (answer.frame is not None or answer.position is not None)
+    in_loop, dof, path = bool(run.commands), judged_dof(truth.depth_of_focus), _finite_path(run.path)
+    moment = None if path is None else float(len(path) - 1) if in_loop else answer.frame
+    best, first_frame, track = truth.position, truth.frame, truth.track
+    if track is not None and not (math.isfinite(best) and np.isfinite(track).all()):
+        best, first_frame, track = math.nan, math.nan, None
+    focus = best if moment is None or track is None else lens_position(moment, track)
+    position = lens_position(moment, path) if answered and moment is not None and path is not None else None
+    if in_loop or path is None:  # where a method moves the lens past the focus is its own making, and no truth
+        truth_frame = None if in_loop else _finite_or_none(first_frame)
+    else:
+        offset = path - (best if track is None else track)
+        truth_frame = focus_crossing(answer.frame, offset=offset, truth_frame=first_frame)
+    travel = None
+    if path is not None:
+        stop = len(path) if in_loop else run.frames_seen
+        travel = travel_to_answer(stop, moment if answered else None, focus_position=path)
+    looked = bool(run.windows if in_loop else run.frames_seen)
+    if not looked and not travel:  # neither looked nor moved: there is no cost to compare
+        travel = None
+    arrived = run.frames_seen
+    if in_loop and path is not None and position is not None:
+        off = np.abs(path[arrived:] - position) > ARRIVAL_TOLERANCE_DOF * (dof or DEFAULT_DEPTH_OF_FOCUS)
+        arrived += int(np.flatnonzero(off)[-1]) + 1 if off.any() else 0
+    at_rest = position if track is None else None  # curves of moving scenes are not kept
+    done = float(run.frames_seen) if in_loop and not run.problem else answer.frame
+    return Judgement(
+        status="failed" if run.problem else "answered" if answered else "abstained",
+        frames_seen=run.frames_seen,
         position=position,
-        truth=_finite_or_none(truth if frame is None or track is None else lens_position(frame, track)),
-        truth_frame=crossing,
-        lens_travel=travel_to_answer(frames_seen, frame, focus_position=lens),
+        frame=None if done is None else float(done),
+        truth=_finite_or_none(focus),
+        truth_frame=truth_frame,
+        depth_of_focus=dof,
+        trace=tuple(float(x) for x in answer.trace),
+        note=run.problem or answer.note,
+        windows=run.windows,
+        seconds=run.seconds,
+        operations=run.operations,
+        reference_rate=run.reference_rate,
+        lens_travel=travel,
+        reversals=count_reversals(run.commands) if in_loop else None,
+        time_to_focus_s=end_s(arrived) if answered and (looked or travel) else None,
+        sharpness_lost=None if at_rest is None or dof is None else sharpness_lost(truth.sharpness, at_rest, dof=dof),
     )
-    if known.truth is None:
-        return known
-    dof = judged_dof(ends)
-    if frame is None or position is None:
-        if dof is None:
-            return known
-        nearest = float(np.abs(offset).min()) / dof
-        return replace(known, success=tuple(nearest > limit for limit in SUCCESS_LIMITS_DOF))
-    error = position - known.truth
-    known = replace(known, error=error, error_frames=None if crossing is None else frame - crossing)
-    if dof is None:
-        return known
-    error_dof = error / dof
-    success = tuple(abs(error_dof) <= limit for limit in SUCCESS_LIMITS_DOF)
-    return replace(known, error_dof=error_dof, blur_px=2 * abs(error_dof), success=success)
+
+
+def count_reversals(positions: Sequence[float]) -> int:
+    """Return the number of times that a lens changes direction if it is sent to these positions in turn."""
+    directions = np.sign(np.diff(positions))
+    directions = directions[directions != 0]
+    return int((directions[1:] != directions[:-1]).sum())
+
+
+def _finite_path(path: np.ndarray) -> np.ndarray | None:
+    """Return a path as float64, None if it is empty or unknown in any frame."""
+    return np.asarray(path, dtype=np.float64) if len(path) and np.isfinite(path).all() else None
 
 
 def _finite_or_none(value: float) -> float | None:

@@ -21,7 +21,7 @@ import numpy as np
 from saf_gen import __version__
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import Judgement, Record, What, Who
 from saf_gen.benchmark.results import Drawn, Evaluation, FocusCurve, LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import Thumbnails
 from saf_gen.benchmark.tracks.predictions import PredictionSet
@@ -37,7 +37,19 @@ WRITE_INTERVAL_S = 5.0
 """Minimum time between two writes, in seconds; a killed process loses the results since its last write."""
 _KINDS = {
     kind.__name__: kind
-    for kind in (Evaluation, Record, AssessedCurve, CurveQuality, SweepSummary, FocusCurve, Thumbnails, LensPath)
+    for kind in (
+        Evaluation,
+        Record,
+        Who,
+        What,
+        Judgement,
+        AssessedCurve,
+        CurveQuality,
+        SweepSummary,
+        FocusCurve,
+        Thumbnails,
+        LensPath,
+    )
 }
 FORMAT = {
     "format": "saf-gen kept sequences 3",
@@ -139,7 +151,7 @@ class KeptSequences:
 
     def count_left_over(self) -> Counter[str | None]:
         """Return the number of results of each split that were not taken over."""
-        return Counter(result.records[0].split for result in self._found.values() if result.records)
+        return Counter(result.records[0].what.split for result in self._found.values() if result.records)
 
     def write(self) -> None:
         """Write the results that are not on disk yet; raise BadInput if the file cannot be written."""

@@ -19,13 +19,14 @@ from typing import Any, ClassVar, Protocol
 from pydantic import ConfigDict
 
 from saf_gen.benchmark.method_folder import CARD, MethodCard, ends_as_folder, file_in, folder_name, read_card
-from saf_gen.benchmark.records import Count, Number, pop_format
+from saf_gen.benchmark.records import Count, Number, Who, pop_format
 from saf_gen.benchmark.view.operations import DeclaredCost
 from saf_gen.benchmark.view.restricted_view import MeteredScorer
 from saf_gen.core.config.document import STRICT, read_text, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.config.registry import FORM_SUFFIXES, names, plugin_class, refuse_code
 from saf_gen.core.config.source_digest import class_source_digests
+from saf_gen.core.cores import describe_machine
 from saf_gen.core.region import REGIONS
 from saf_gen.errors import BadInput, unknown
 from saf_gen.parts import Answer, Measure, Search, wants_measures
@@ -132,12 +133,17 @@ class Method:
         """Measure and search with every option, in the form that records store; long options by length and digest."""
         return f"{_state(self.measure)} + {_state(self.search)}"
 
-    @property
-    def record_fields(self) -> dict[str, str]:
-        """Fields of a record that say which method it is of."""
-        limits = str(self.guest.limits) if self.guest else ""
-        named = {"method": self.name, "code": self.code, "parameters": self.parameters}
-        return named | {"limits": limits, "tuning": self.tuning}
+    def who(self, region: str) -> Who:
+        """Return what records say of the method, if it runs on this machine and looks at a region."""
+        return Who(
+            self.name,
+            self.code,
+            region,
+            self.parameters,
+            limits=str(self.guest.limits) if self.guest else "",
+            tuning=self.tuning,
+            machine=describe_machine(),
+        )
 
 
 def _state(part: Any) -> str:

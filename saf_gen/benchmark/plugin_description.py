@@ -101,7 +101,7 @@ def take_description(half: str, kind: str, *, said: Iterable[Any]) -> PluginDesc
 
 def describe_recorded(records: Iterable[Record]) -> tuple[PluginDescription, ...]:
     """Return descriptions of the plug-ins in records, if saf_gen contains them with the code that made the records."""
-    recorded = {record.method: record.code for record in records}
+    recorded = {record.who.method: record.who.code for record in records}
     methods = []
     for name, code in recorded.items():
         halves = [split_options(half)[0] for half in split_halves(split_region(name)[0])]

@@ -127,12 +127,12 @@ def evaluate_command(
                 limits=limits,
                 tell=err.print,
             )
-        print_kept(kept, splits={record.split for record in result.records})
+        print_kept(kept, splits={record.what.split for record in result.records})
         board = Leaderboard.of(result)
         delivered = picture_answers(selection.tasks, board)
         written = write_evaluation(target, board, title=data.resolve().name, delivered=delivered)
         kept.remove()
-    regions = " and ".join(sorted({record.region for record in result.records}, reverse=True))
+    regions = " and ".join(sorted({record.who.region for record in result.records}, reverse=True))
     title = f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}"
     # after writing files, because a pipe that closes early, as with `| head`, ends the program
     print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
@@ -140,15 +140,15 @@ def evaluate_command(
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     broke = [record for record in result.records if record.broke]
-    print_broken(broke, runs=Counter(record.method for record in result.records))
+    print_broken(broke, runs=Counter(record.who.method for record in result.records))
     if result.failures or broke:
         raise typer.Exit(1)
 
 
 def print_broken(broke: "Sequence[Record]", runs: Mapping[str, int] | None = None) -> None:
     """Print a line on stderr for each method whose code broke in one of its ``runs``."""
-    for method, count in Counter(record.method for record in broke).items():
-        why = next(record.note for record in broke if record.method == method)
+    for method, count in Counter(record.who.method for record in broke).items():
+        why = next(record.judgement.note for record in broke if record.who.method == method)
         of = f"{count} of {plural(runs[method], 'sequence')}" if runs else plural(count, "run")
         print_error(f"{method} failed on {of}: {why}", 1)
 

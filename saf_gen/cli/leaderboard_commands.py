@@ -51,7 +51,7 @@ def merge_command(
         board = replace(board, evaluation=replace(board.evaluation, plugins=describe_recorded(board.records)))
         with lock_folder(folder):
             written = write_evaluation(folder, board, title=folder.resolve().name)
-    splits = dict.fromkeys(record.split for record in board.records if record.split is not None)
+    splits = dict.fromkeys(record.what.split for record in board.records if record.what.split is not None)
     title = f"{board.size}, {plural(len(runs), 'evaluation')}{f', {name_splits(splits)}' if splits else ''}"
     print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
     if written is not None:
@@ -95,8 +95,8 @@ def verify_evaluation_command(
 
     records = read_records(folder)
     first = records[0]
-    rate = None if first.track == "recorded" else ClosedLoopProtocol.rate_in(first.terms) or 0.0
-    protocol = protocol_from_options(first.track, actuator=actuator, budget=budget, sweep=sweep, op_rate=rate)
+    rate = None if first.what.track == "recorded" else ClosedLoopProtocol.rate_in(first.what.terms) or 0.0
+    protocol = protocol_from_options(first.what.track, actuator=actuator, budget=budget, sweep=sweep, op_rate=rate)
     folder = folder if folder.is_dir() else folder.parent
     check_writable(folder)
     with progress_bars() as bars:
@@ -110,7 +110,7 @@ def verify_evaluation_command(
         )
     path = write_verification(folder, found)
     columns = Column("method", "method"), Column("row", "state"), Column("why", "reason", folds=True)
-    splits = dict.fromkeys(record.split for record in records if record.split is not None)
+    splits = dict.fromkeys(record.what.split for record in records if record.what.split is not None)
     covered = filter(None, (describe_size(records), name_splits(splits) if splits else "", scene_motion))
     print_table(Table(columns, found.verdicts, ", ".join(covered)), as_json=as_json)
     if not as_json:

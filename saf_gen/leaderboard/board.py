@@ -58,7 +58,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
     @classmethod
     def of(cls, evaluation: Evaluation) -> "Leaderboard":
         """Return the leaderboard of an evaluation; raises BadInput if its records cannot be compared."""
-        by_method = group_by(merge_records({"": evaluation.records}), "method")
+        by_method = group_by(merge_records({"": evaluation.records}), "who.method")
         outcomes = collect_outcomes(by_method)
         return cls(rank(by_method, outcomes), evaluation, outcomes)
 
@@ -184,8 +184,8 @@ def read_leaderboard(*evaluations: str | Path) -> Leaderboard:
         states: dict[str, dict[str, str]] = {}  # of each record, by method and data
         for run, group in runs.items():
             for record in group:
-                state, of_row = states_in[run].get(record.method, CLAIMED), states.setdefault(record.method, {})
-                of_row[record.data] = max(state, of_row.get(record.data, state), key=WEIGHT_OF_STATE.index)
+                state, of_row = states_in[run].get(record.who.method, CLAIMED), states.setdefault(record.who.method, {})
+                of_row[record.what.data] = max(state, of_row.get(record.what.data, state), key=WEIGHT_OF_STATE.index)
         rows = (replace(row, verified=_join_states(states[row.method].values())) for row in board)
         return replace(board, rows=tuple(rows))
     return board

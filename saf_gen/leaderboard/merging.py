@@ -21,10 +21,8 @@ _SEQUENCE_KEYS = {
     "scene": "scene",
     "light": "light",
     "split": "split",
-    "variant": "variant",
     "scene_motion": "scene motion",
     "lens_motion": "lens motion",
-    "truth_first": "truth",
     "focus_place": "focus position",
     "focus_off_dof": "distance to the focus",
     "mean_rate": "photon budget",
@@ -66,7 +64,7 @@ def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
                 first = first_claims.setdefault((what, subject), (value, side))
                 if first[0] != value:
                     raise _difference(what, subject, first=first, second=(value, side))
-            key = (record.sequence, record.method)
+            key = (record.what.sequence, record.who.method)
             if key in first_records:
                 _check_same_answer(first_records[key], (run, record))
             first_records.setdefault(key, (run, record))
@@ -88,7 +86,8 @@ def merge_records(runs: Mapping[str, Sequence[Record]]) -> list[Record]:
 def _check_same_splits(runs: Mapping[str, Sequence[Record]]) -> None:
     """Raise BadInput if two runs ranked different splits; streams that were evaluated one by one belong to none."""
     ranked = {
-        run: tuple(dict.fromkeys(r.split for r in records if r.split is not None)) for run, records in runs.items()
+        run: tuple(dict.fromkeys(r.what.split for r in records if r.what.split is not None))
+        for run, records in runs.items()
     }
     named = [(run, splits) for run, splits in ranked.items() if splits]
     for run, splits in named[1:]:
@@ -108,7 +107,12 @@ def name_sensors(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[
     state their sensor; it is then taken from another record of the same data. If no record states it, the record is
     returned unchanged.
     """
-    sensors = {(r.sequence, r.data): r.sensor for group in runs.values() for r in group if r.sensor is not None}
+    sensors = {
+        (r.what.sequence, r.what.data): r.what.sensor
+        for group in runs.values()
+        for r in group
+        if r.what.sensor is not None
+    }
     if not sensors:
         return runs
     bare = {name: name.removesuffix(f"@{sensor}") for (name, _), sensor in sensors.items()}
@@ -116,12 +120,12 @@ def name_sensors(runs: Mapping[str, Sequence[Record]]) -> Mapping[str, Sequence[
     differ = len(both) > len({name for name, _ in both})
 
     def name_sensor(record: Record) -> Record:
-        sensor = sensors.get((record.sequence, record.data))
+        sensor = sensors.get((record.what.sequence, record.what.data))
         if sensor is None:
             return record
-        name = f"{bare[record.sequence]}@{sensor}" if differ else record.sequence
-        same = name == record.sequence and sensor == record.sensor
-        return record if same else replace(record, sequence=name, sensor=sensor)
+        name = f"{bare[record.what.sequence]}@{sensor}" if differ else record.what.sequence
+        same = name == record.what.sequence and sensor == record.what.sensor
+        return record if same else replace(record, what=replace(record.what, sequence=name, sensor=sensor))
 
     return {run: [name_sensor(record) for record in group] for run, group in runs.items()}
 
@@ -131,17 +135,17 @@ def _claims(record: Record, run: str, *, is_only_run: bool) -> Iterator[tuple[st
 
     Error messages name the source: the run or, if there is only one run, the method (for a code digest, the sequence).
     """
-    side = record.method if is_only_run else run
-    yield "track", "", record.track, side
-    yield "evaluator version", "", record.rig, side
-    yield "protocol", record.sequence, record.terms, side
-    yield "data digest", record.sequence, record.data, side
-    if not record.method.endswith(REGION_SUFFIXES):
-        yield "region", record.sequence, record.region, side
+    side = record.who.method if is_only_run else run
+    yield "track", "", record.what.track, side
+    yield "evaluator version", "", record.what.rig, side
+    yield "protocol", record.what.sequence, record.what.terms, side
+    yield "data digest", record.what.sequence, record.what.data, side
+    if not record.who.method.endswith(REGION_SUFFIXES):
+        yield "region", record.what.sequence, record.who.region, side
     for key, name in _SEQUENCE_KEYS.items():
-        value = getattr(record, key)
-        yield name, record.sequence, "" if value is None else str(value), side
-    yield "code digest", record.method, record.code, record.sequence if is_only_run else run
+        value = getattr(record.what, key)
+        yield name, record.what.sequence, "" if value is None else str(value), side
+    yield "code digest", record.who.method, record.who.code, record.what.sequence if is_only_run else run
 
 
 def _difference(what: str, subject: str, *, first: tuple[str, str], second: tuple[str, str]) -> BadInput:
@@ -157,10 +161,13 @@ def _difference(what: str, subject: str, *, first: tuple[str, str], second: tupl
 def _check_same_answer(one: tuple[str, Record], other: tuple[str, Record]) -> None:
     (run, record), (second_run, second) = one, other
     if run == second_run:
-        raise BadInput(f"two records of {record.method} on {record.sequence}", where=run, allowed="one per sequence")
-    if (record.status, record.frame, record.position) != (second.status, second.frame, second.position):
         raise BadInput(
-            f"the answer of {record.method} on {record.sequence} differs between {run} and {second_run}, "
+            f"two records of {record.who.method} on {record.what.sequence}", where=run, allowed="one per sequence"
+        )
+    answers = [(x.status, x.frame, x.position) for x in (record.judgement, second.judgement)]
+    if answers[0] != answers[1]:
+        raise BadInput(
+            f"the answer of {record.who.method} on {record.what.sequence} differs between {run} and {second_run}, "
             "with the same data and code",
             allowed="the same answer, or one of the two runs",
             hint=_HINT,

@@ -45,14 +45,13 @@ FALSE_ABSTENTION_COST = 0.5
 """Cost of no answer where there is one; that of a wrong answer and of a failure is 1."""
 
 
-def right_within(success: str = "success_1dof") -> RecordValue:
-    """Return a function of a record: whether it answered within a limit, None if the recording has no answer.
-
-    ``success`` is the name of the record's success within this limit.
-    """
+def right_within(limit_dof: float = 1.0) -> RecordValue:
+    """Return a function of a record: whether it answered within a limit, None if the recording has no answer."""
 
     def value(record: Record) -> float | None:
-        return float(record.status == "answered" and getattr(record, success) is True) if record.answerable else None
+        if not record.answerable:
+            return None
+        return float(record.judgement.status == "answered" and record.success(limit_dof) is True)
 
     return value
 
@@ -64,14 +63,14 @@ def error_cost(record: Record) -> float | None:
     """
     if record.answerable is None:
         return None
-    if record.status == "abstained":
+    if record.judgement.status == "abstained":
         return FALSE_ABSTENTION_COST if record.answerable else 0.0
     return 1 - (right_within()(record) or 0.0)
 
 
 def describe_size(records: Iterable[Record]) -> str:
     """Return the number of sequences and, if some have no answer, of those that have one, as text."""
-    known = {r.sequence: r.answerable for r in records}
+    known = {r.what.sequence: r.answerable for r in records}
     with_answer = f", {sum(map(bool, known.values()))} of them with an answer" if False in known.values() else ""
     return plural(len(known), "sequence") + with_answer
 
@@ -93,7 +92,7 @@ def mean_by_scene(records: Sequence[Record], value: RecordValue) -> dict[str, fl
     scenes: dict[str, dict[str | None, list[float]]] = {}
     for record in records:
         if (number := value(record)) is not None:
-            scenes.setdefault(record.scene, {}).setdefault(record.light, []).append(float(number))
+            scenes.setdefault(record.what.scene, {}).setdefault(record.what.light, []).append(float(number))
     return {
         scene: float(np.mean([np.mean(numbers) for numbers in lights.values()])) for scene, lights in scenes.items()
     }
@@ -189,35 +188,35 @@ def collect_outcomes(by_method: Mapping[str, Sequence[Record]]) -> Outcomes:
     """
     is_right = right_within()
     known = {name: group for name, group in by_method.items() if any(r.answerable for r in group)}
-    unknown = {r.sequence for group in known.values() for r in group if r.success_1dof is None}
+    unknown = {r.what.sequence for group in known.values() for r in group if r.success() is None}
     first = next(iter(known.values()), ())
-    judged = [record for record in first if record.answerable and record.sequence not in unknown]
-    columns = {record.sequence: number for number, record in enumerate(judged)}
+    judged = [record for record in first if record.answerable and record.what.sequence not in unknown]
+    columns = {record.what.sequence: number for number, record in enumerate(judged)}
     success = np.zeros((len(known), len(judged)), dtype=bool)
     errors, times = np.full((2, len(known), len(judged)), np.nan)
     for row, group in enumerate(known.values()):
         for record in group:
-            if (column := columns.get(record.sequence)) is not None:
+            if (column := columns.get(record.what.sequence)) is not None:
                 success[row, column] = is_right(record)
-                if record.error_dof is not None:
-                    errors[row, column] = abs(record.error_dof)
-                if record.time_to_focus_s is not None:
-                    times[row, column] = record.time_to_focus_s
+                if record.judgement.error_dof is not None:
+                    errors[row, column] = abs(record.judgement.error_dof)
+                if record.judgement.time_to_focus_s is not None:
+                    times[row, column] = record.judgement.time_to_focus_s
     return _weigh(tuple(known), judged, success=success, errors=errors, times=times)
 
 
 def _weigh(methods: tuple[str, ...], sequences: Sequence[Record], **values: np.ndarray) -> Outcomes:
     """Return the outcomes, with weights computed from these sequences."""
-    scenes = sorted({record.scene for record in sequences})
+    scenes = sorted({record.what.scene for record in sequences})
     numbers = {scene: number for number, scene in enumerate(scenes)}
-    of_light = Counter((record.scene, record.light) for record in sequences)
+    of_light = Counter((record.what.scene, record.what.light) for record in sequences)
     lights = Counter(scene for scene, _ in of_light)
     return Outcomes(
         methods,
         tuple(scenes),
         tuple(sequences),
-        np.array([numbers[r.scene] for r in sequences], dtype=np.intp),
-        np.array([1 / (lights[r.scene] * of_light[r.scene, r.light]) for r in sequences]),
+        np.array([numbers[r.what.scene] for r in sequences], dtype=np.intp),
+        np.array([1 / (lights[r.what.scene] * of_light[r.what.scene, r.what.light]) for r in sequences]),
         **values,
     )
 
@@ -334,13 +333,13 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
     BadInput
         If the records cannot be compared: see merge_records.
     """
-    by_method = group_by(merge_records({"": list(records)}), "method")
+    by_method = group_by(merge_records({"": list(records)}), "who.method")
     return rank(by_method, collect_outcomes(by_method))
 
 
 def rank(by_method: Mapping[str, Sequence[Record]], outcomes: Outcomes) -> tuple[LeaderboardRow, ...]:
     """Return the leaderboard, best first, of records that merge_records has accepted, and of their outcomes."""
-    lights = sorted({r.light for group in by_method.values() for r in group if r.light is not None})
+    lights = sorted({r.what.light for group in by_method.values() for r in group if r.what.light is not None})
     rows = [_average(method, group, lights=lights) for method, group in by_method.items()]
     intervals = method_intervals(by_method, outcomes)
     best = max((row.answerable_1dof for row in rows if row.answerable_1dof is not None), default=0.0)
@@ -401,41 +400,43 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
     judged = [r for r in records if r.answerable is not False]
     known = [r for r in records if r.answerable is not None]
     without = [r for r in known if not r.answerable]
-    lost = [r.sharpness_lost for r in judged if r.sharpness_lost is not None]
+    lost = [r.judgement.sharpness_lost for r in judged if r.judgement.sharpness_lost is not None]
     return LeaderboardRow(
         rank=None,
         tied=(),
         method=method,
-        answerable_half_dof=mean_over_scenes(records, right_within("success_half_dof")),
+        answerable_half_dof=mean_over_scenes(records, right_within(0.5)),
         answerable_1dof=mean_over_scenes(records, right_within()),
-        answerable_2dof=mean_over_scenes(records, right_within("success_2dof")),
+        answerable_2dof=mean_over_scenes(records, right_within(2)),
         answerable=len(known) - len(without) if known else None,
         without_answer=len(without) if known else None,
-        false_answers=sum(r.status == "answered" for r in without) if without else None,
-        false_abstentions=sum(r.answerable is True and r.status == "abstained" for r in known) if known else None,
+        false_answers=sum(r.judgement.status == "answered" for r in without) if without else None,
+        false_abstentions=sum(r.answerable is True and r.judgement.status == "abstained" for r in known)
+        if known
+        else None,
         error_cost=mean_over_scenes(records, error_cost),
-        median_error_dof=median_magnitude(r.error_dof for r in judged),
-        median_error_travel=median_magnitude(r.error for r in judged),
-        median_error_frames=median_magnitude(r.error_frames for r in judged),
-        median_blur_px=median_magnitude(r.blur_px for r in judged),
+        median_error_dof=median_magnitude(r.judgement.error_dof for r in judged),
+        median_error_travel=median_magnitude(r.judgement.error for r in judged),
+        median_error_frames=median_magnitude(r.judgement.error_frames for r in judged),
+        median_blur_px=median_magnitude(r.judgement.blur_px for r in judged),
         median_sharpness_lost=median_magnitude(lost),
         p90_sharpness_lost=float(np.quantile(lost, 0.9)) if lost else None,
         success_by_light=tuple(
-            (light, mean_over_scenes([r for r in records if r.light == light], right_within())) for light in lights
+            (light, mean_over_scenes([r for r in records if r.what.light == light], right_within())) for light in lights
         ),
-        abstained=sum(r.status == "abstained" for r in records),
-        failed=sum(r.status == "failed" for r in records),
+        abstained=sum(r.judgement.status == "abstained" for r in records),
+        failed=sum(r.judgement.status == "failed" for r in records),
         sequences=len(records),
-        frames_seen=mean_over_scenes(records, lambda r: r.frames_seen / r.frames),
-        lens_travel=mean_over_scenes(records, lambda r: r.lens_travel),
-        time_to_focus_s=mean_over_scenes(records, lambda r: r.time_to_focus_s),
-        reversals=mean_over_scenes(records, lambda r: r.reversals),
+        frames_seen=mean_over_scenes(records, lambda r: r.judgement.frames_seen / r.what.frames),
+        lens_travel=mean_over_scenes(records, lambda r: r.judgement.lens_travel),
+        time_to_focus_s=mean_over_scenes(records, lambda r: r.judgement.time_to_focus_s),
+        reversals=mean_over_scenes(records, lambda r: r.judgement.reversals),
         hunting=mean_over_scenes(records, _hunts),
-        windows=mean_over_scenes(records, lambda r: r.windows),
-        seconds=mean_over_scenes(records, lambda r: r.seconds),
-        operations=mean_over_scenes(records, lambda r: r.operations),
+        windows=mean_over_scenes(records, lambda r: r.judgement.windows),
+        seconds=mean_over_scenes(records, lambda r: r.judgement.seconds),
+        operations=mean_over_scenes(records, lambda r: r.judgement.operations),
         over_declared=_over_declared(records),
-        failed_check=next((r.failed_check for r in records if r.failed_check), None),
+        failed_check=next((r.who.failed_check for r in records if r.who.failed_check), None),
         success_least_blur=mean_over_scenes(records, _by_least_blur)
         if any(r.success_least_blur is not None for r in records)
         else None,
@@ -447,18 +448,22 @@ def _over_declared(records: Iterable[Record]) -> float | None:
 
     The median leaves out the sequence for which a method is compiled, once on a machine.
     """
-    timed = [r for r in records if r.operations and r.reference_rate]
-    if not timed or median(r.seconds for r in timed) < LEAST_TIMED_S:
+    timed = [r for r in records if r.judgement.operations and r.judgement.reference_rate]
+    if not timed or median(r.judgement.seconds for r in timed) < LEAST_TIMED_S:
         return None
-    return median(r.seconds * (r.reference_rate or 0.0) / (r.operations or 1.0) for r in timed)
+    return median(
+        r.judgement.seconds * (r.judgement.reference_rate or 0.0) / (r.judgement.operations or 1.0) for r in timed
+    )
 
 
 def _by_least_blur(record: Record) -> float | None:
-    return right_within("success_1dof" if record.success_least_blur is None else "success_least_blur")(record)
+    if record.success_least_blur is None or not record.answerable:
+        return right_within()(record)
+    return float(record.success_least_blur)
 
 
 def _hunts(record: Record) -> float | None:
-    return None if record.reversals is None else float(record.reversals > TURNS_OF_A_PASS)
+    return None if record.judgement.reversals is None else float(record.judgement.reversals > TURNS_OF_A_PASS)
 
 
 def method_intervals(by_method: Mapping[str, Sequence[Record]], outcomes: Outcomes) -> dict[str, MethodIntervals]:
@@ -480,7 +485,7 @@ def method_intervals(by_method: Mapping[str, Sequence[Record]], outcomes: Outcom
     deficits = _find_deficits(fractions, wins, counts=outcomes.counts)
     answered = ~np.isnan(outcomes.errors)
     times = {
-        method: mean_interval(list(mean_by_scene(by_method[method], lambda r: r.time_to_focus_s).values()))
+        method: mean_interval(list(mean_by_scene(by_method[method], lambda r: r.judgement.time_to_focus_s).values()))
         for method in outcomes.methods
     }
     return {
@@ -641,7 +646,7 @@ def compare_methods(outcomes: Outcomes) -> MethodComparison:
         return MethodComparison()
     profiles = _profile(outcomes, "error_dof", limits=ERROR_LIMITS_DOF, is_within=outcomes.answers_within)
     known = outcomes.times[np.isfinite(outcomes.times)]
-    if outcomes.sequences[0].track == "closed_loop" and known.size:
+    if outcomes.sequences[0].what.track == "closed_loop" and known.size:
         limits = tuple(float(t) for t in known.max() * np.arange(1, TIMES + 1) / TIMES)
         times = np.where(np.isfinite(outcomes.times), outcomes.times, limits[-1])  # neither looked nor moved
         profiles += _profile(

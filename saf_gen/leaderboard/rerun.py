@@ -73,18 +73,18 @@ def verify(
     """
     records = read_records(folder)
     merge_records({str(folder): records})  # refuses missing and double records, among others
-    rows = group_by(records, "method")
+    rows = group_by(records, "who.method")
     trusted = {method.code: method for method in map(admit_method, methods)}
     for method in trusted.values():
-        if method.code not in {group[0].code for group in rows.values()}:
+        if method.code not in {group[0].who.code for group in rows.values()}:
             raise BadInput(
                 f"no row of {folder} was made by the code of {method.name!r}", hint="see its leaderboard.json"
             )
     runs: dict[str, Method] = {}
     reasons: dict[str, str] = {}
     for label, group in rows.items():
-        if ended := [record for record in group if record.note.startswith(OVER_A_LIMIT)]:
-            runs_ended = f"{len(ended)} of {plural(len(group), 'run')} ended at a limit ({ended[0].limits})"
+        if ended := [record for record in group if record.judgement.note.startswith(OVER_A_LIMIT)]:
+            runs_ended = f"{len(ended)} of {plural(len(group), 'run')} ended at a limit ({ended[0].who.limits})"
             reasons[label] = f"not comparable: {runs_ended}"
             continue
         found = _find_method(group[0], trusted=trusted, where=str(folder))
@@ -94,9 +94,9 @@ def verify(
             reasons[label] = found
     if runs:
         header = _compare_header(folder, records)
-        split = _only(record.split for record in records) or ALL_SPLITS
-        regions = {record.region for record in records if "@" not in record.method}
-        limits = _only(rows[label][0].limits for label, method in runs.items() if method.guest is not None)
+        split = _only(record.what.split for record in records) or ALL_SPLITS
+        regions = {record.who.region for record in records if "@" not in record.who.method}
+        limits = _only(rows[label][0].who.limits for label, method in runs.items() if method.guest is not None)
         result = evaluate(
             source,
             methods=[method.name for method in runs.values()],
@@ -107,11 +107,11 @@ def verify(
             progress=progress,
             limits=Limits.parse(limits) if limits else None,
         )
-        again = {(record.method, record.sequence): record for record in result.records}
+        again = {(record.who.method, record.what.sequence): record for record in result.records}
         unread = {failure.sequence: failure.problem for failure in result.failures}
         for label, method in runs.items():
             row = {
-                sequence: replace(record, method=label, tuning=method.tuning)
+                sequence: replace(record, who=replace(record.who, method=label, tuning=method.tuning))
                 for (name, sequence), record in again.items()
                 if name == method.name
             }
@@ -125,18 +125,18 @@ def verify(
 
 def _find_method(row: Record, *, trusted: Mapping[str, Method], where: str) -> Method | str:
     """Return the given or registered method with the code of a row, or the reason why there is no such method."""
-    if given := trusted.get(row.code):
-        region = split_region(row.method)[1]
+    if given := trusted.get(row.who.code):
+        region = split_region(row.who.method)[1]
         named = admit_method(f"{split_region(given.name)[0]}@{region}") if region else given
         return replace(named, tuning=given.tuning)
-    if row.tuning:
-        return f"its constants are of the tuned file {row.tuning}: name it with --method @FILE"
+    if row.who.tuning:
+        return f"its constants are of the tuned file {row.who.tuning}: name it with --method @FILE"
     try:
         with refuse_code(where):
-            method = admit_method(row.method)
+            method = admit_method(row.who.method)
     except BadInput as error:
         return f"no method on this machine can reproduce this row: {error.problem}"
-    return method if method.code == row.code else f"its code differs: here {method.code}, in the row {row.code}"
+    return method if method.code == row.who.code else f"its code differs: here {method.code}, in the row {row.who.code}"
 
 
 def _only(values: Iterable[str | None]) -> str | None:
@@ -153,7 +153,7 @@ def _state(reason: str, *, was_run: bool) -> Literal["re-run here", "differs", "
 
 def _compare(records: Sequence[Record], again: Mapping[str, Record], *, unread: Mapping[str, str], split: str) -> str:
     """Return a description of the first difference and the number of sequences that differ, or '' if none does."""
-    row = {record.sequence: to_comparable(record) for record in records}
+    row = {record.what.sequence: to_comparable(record) for record in records}
     differing = []
     for name in {**again, **unread, **row}:
         if name in unread:

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
 
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF
 from saf_gen.benchmark.method_spec import measure_and_search, split_options, split_region
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.registry import is_builtin_name, plugin_class
 from saf_gen.core.plain_text import plural
@@ -105,19 +104,19 @@ def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record
 
 
 def _summarise(name: str, members: Sequence[Record], *, methods: Sequence[str]) -> Bin:
-    by_method = group_by(members, "method")
+    by_method = group_by(members, "who.method")
     results = {method: _average(by_method.get(method, [])) for method in methods}
-    without = len({r.sequence for r in members if r.answerable is False})
-    return Bin(name, len({r.scene for r in members}), len({r.sequence for r in members}), without, results)
+    without = len({r.what.sequence for r in members if r.answerable is False})
+    return Bin(name, len({r.what.scene for r in members}), len({r.what.sequence for r in members}), without, results)
 
 
 def _average(records: Sequence[Record]) -> BinSummary:
     return BinSummary(
         mean_over_scenes(records, right_within()),
-        median_magnitude(r.error_dof for r in records if r.answerable is not False),
-        false_answers=sum(r.answerable is False and r.status == "answered" for r in records),
-        false_abstentions=sum(r.answerable is True and r.status == "abstained" for r in records),
-        failed=sum(r.status == "failed" for r in records),
+        median_magnitude(r.judgement.error_dof for r in records if r.answerable is not False),
+        false_answers=sum(r.answerable is False and r.judgement.status == "answered" for r in records),
+        false_abstentions=sum(r.answerable is True and r.judgement.status == "abstained" for r in records),
+        failed=sum(r.judgement.status == "failed" for r in records),
     )
 
 
@@ -134,11 +133,11 @@ def _bin_between(
 
 
 def _photon_budget(record: Record) -> float | None:
-    return None if record.mean_rate is None else BLOCK_READOUTS * record.mean_rate
+    return None if record.what.mean_rate is None else BLOCK_READOUTS * record.what.mean_rate
 
 
 def _focus_position(record: Record) -> str | None:
-    position, distance = record.focus_place, record.focus_off_dof
+    position, distance = record.what.focus_place, record.what.focus_off_dof
     if distance is not None and distance > SUCCESS_LIMITS_DOF[1]:
         return _POSITIONS[3]
     if position is None:
@@ -151,16 +150,16 @@ _RATIOS = ("up to 1.1", "1.1 to 2", "2 to 5", "5 and more")
 _POSITIONS = ("first 10 %", "middle", "last 10 %", "outside")
 _GRAINS = ("below 1 %", "1 to 2 %", "2 to 4 %", "4 % and more")
 AXES = (
-    Axis("light", "Light schedule", "Name of the light schedule in the recipe.", lambda r: r.light),
+    Axis("light", "Light schedule", "Name of the light schedule in the recipe.", lambda r: r.what.light),
     Axis(
         "light_ratio",
         "Light ratio",
         "Brightest light of the recording divided by its darkest.",
-        _bin_between((1.1, 2, 5), _RATIOS, value=lambda r: r.light_ratio),
+        _bin_between((1.1, 2, 5), _RATIOS, value=lambda r: r.what.light_ratio),
         _RATIOS,
     ),
-    Axis("scene_motion", "Scene motion", "Whether anything in the scene moves.", lambda r: r.scene_motion),
-    Axis("lens_motion", "Lens motion", "Motion of the lens in the recording.", lambda r: r.lens_motion),
+    Axis("scene_motion", "Scene motion", "Whether anything in the scene moves.", lambda r: r.what.scene_motion),
+    Axis("lens_motion", "Lens motion", "Motion of the lens in the recording.", lambda r: r.what.lens_motion),
     Axis(
         "photon_budget",
         "Photon budget",
@@ -180,16 +179,16 @@ AXES = (
         "grain",
         "Grain",
         "Noise of the renderer in the pictures: rms divided by the mean, in the box around the target, at best focus.",
-        _bin_between((0.01, 0.02, 0.04), _GRAINS, value=lambda r: r.grain_rms),
+        _bin_between((0.01, 0.02, 0.04), _GRAINS, value=lambda r: r.what.grain_rms),
         _GRAINS,
     ),
     Axis(
         "sensor",
         "Sensor",
         "Name of the sensor, followed by # and six digits if its parameters were changed.",
-        lambda r: r.sensor,
+        lambda r: r.what.sensor,
     ),
-    Axis("scene", "Scene", "Name of the scene.", lambda r: r.scene),
+    Axis("scene", "Scene", "Name of the scene.", lambda r: r.what.scene),
 )
 """The conditions of the leaderboard, in the order of its tables."""
 
@@ -208,7 +207,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
     found += _say_rule(records)
     found += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
     reason = next((row.missing_reason for row in rows if row.missing_reason), "")
-    scenes = len({r.scene for r in records if r.answerable})
+    scenes = len({r.what.scene for r in records if r.answerable})
     if reason:
         found.append(f"There are no intervals: only {reason} have a known truth.")
     elif scenes:
@@ -216,7 +215,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
             f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
             + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
         )
-    unranked = {r.scene for r in records if r.error is not None}
+    unranked = {r.what.scene for r in records if r.judgement.error is not None}
     if not scenes and unranked:
         few = "; and no rank comes from fewer than ten objects" if len(unranked) < MIN_RANKED else ""
         found.append(
@@ -228,7 +227,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
     found += _name_obstacles(records)
     found += _name_least_blur(records)
     found += grain_warning(records)
-    machines = sorted({r.machine for r in records if r.machine})
+    machines = sorted({r.who.machine for r in records if r.who.machine})
     if len(machines) > 1:
         found.append(f"Seconds cannot be compared: they come from {len(machines)} machines: {'; '.join(machines)}.")
     return found
@@ -236,7 +235,7 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
 
 def _say_rule(records: Iterable[Record]) -> list[str]:
     """Return a sentence, in a list, that says by what methods are ranked, and on how many sequences; [] if on none."""
-    known = {r.sequence: r.answerable for r in records}
+    known = {r.what.sequence: r.answerable for r in records}
     if not any(known.values()):
         return []
     without = sum(answerable is False for answerable in known.values())
@@ -252,7 +251,7 @@ def _name_benchmark(records: Sequence[Record]) -> list[str]:
 
     The list is empty if the records do not all belong to the same frozen benchmark.
     """
-    named = {r.benchmark for r in records}
+    named = {r.what.benchmark for r in records}
     label = named.pop() if len(named) == 1 else None
     if label is None:
         return []
@@ -260,7 +259,7 @@ def _name_benchmark(records: Sequence[Record]) -> list[str]:
     frozen_sequences = frozen.sequences if frozen is not None else {}
     judged: dict[str, set[str]] = {}
     for record in records:
-        judged.setdefault(record.split or "", set()).add(record.sequence)
+        judged.setdefault(record.what.split or "", set()).add(record.what.sequence)
     covered = [
         f"{len(names)}{f' of {frozen_sequences[split]}' if split in frozen_sequences else ''} sequences of "
         f"{split or 'no split'}"
@@ -279,7 +278,7 @@ OBSTACLES = {
 
 def _name_obstacles(records: Iterable[Record]) -> list[str]:
     """Return a sentence, in a list, that counts and names the sequences that cannot be focused; [] if all can."""
-    obstacles = {r.sequence: r.obstacle for r in records}
+    obstacles = {r.what.sequence: r.what.obstacle for r in records}
     named = []
     for obstacle, what in OBSTACLES.items():
         if found := sorted(sequence for sequence, its in obstacles.items() if its == obstacle):
@@ -291,7 +290,7 @@ def _name_obstacles(records: Iterable[Record]) -> list[str]:
 
 def _name_least_blur(records: Iterable[Record]) -> list[str]:
     """Return a sentence, in a list, that counts the sequences whose least blur is far from the truth; [] if none is."""
-    blurs = {r.sequence: r.success_least_blur is not None for r in records}
+    blurs = {r.what.sequence: r.success_least_blur is not None for r in records}
     if not any(blurs.values()):
         return []
     return [
@@ -328,14 +327,14 @@ class SceneGrain:
 def grain_by_scene(records: Iterable[Record]) -> list[SceneGrain]:
     """Return the grain of each scene and scene motion, in order of appearance; [] if no grain is known."""
     found = []
-    for (scene, motion), group in group_by(records, "scene", "scene_motion").items():
-        rms = {r.sequence: r.grain_rms for r in group if r.grain_rms is not None}
+    for (scene, motion), group in group_by(records, "what.scene", "what.scene_motion").items():
+        rms = {r.what.sequence: r.what.grain_rms for r in group if r.what.grain_rms is not None}
         of_curve: dict[str, float] = {}
         for record in group:
-            if record.grain_of_curve is not None:
+            if record.judgement.grain_of_curve is not None:
                 measure = _measure(record)
-                of_curve[measure] = max(of_curve.get(measure, 0.0), record.grain_of_curve)
-        counts = len({r.sequence for r in group}), len(rms)
+                of_curve[measure] = max(of_curve.get(measure, 0.0), record.judgement.grain_of_curve)
+        counts = len({r.what.sequence for r in group}), len(rms)
         figures = (median(rms.values()), max(rms.values())) if rms else None
         found.append(SceneGrain(scene, motion, counts, figures, of_curve))
     return found if any(one.rms for one in found) else []
@@ -344,7 +343,12 @@ def grain_by_scene(records: Iterable[Record]) -> list[SceneGrain]:
 def grain_warning(records: Iterable[Record]) -> list[str]:
     """Return a warning if grain exceeds MAX_GRAIN_OF_CURVE on the focus curves of some measures, else []."""
     known = sorted(
-        ((r.grain_of_curve, _measure(r), r.sequence) for r in records if r.grain_of_curve is not None), reverse=True
+        (
+            (r.judgement.grain_of_curve, _measure(r), r.what.sequence)
+            for r in records
+            if r.judgement.grain_of_curve is not None
+        ),
+        reverse=True,
     )
     grainy = [one for one in known if one[0] > MAX_GRAIN_OF_CURVE]
     if not grainy:
@@ -363,7 +367,7 @@ def grain_warning(records: Iterable[Record]) -> list[str]:
 
 
 def _measure(record: Record) -> str:
-    return measure_and_search(record.method)[0]
+    return measure_and_search(record.who.method)[0]
 
 
 KINDS = ("measures", "searches")
@@ -423,11 +427,11 @@ def _spell_out(name: str, kind: str) -> str:
 def describe_records(records: Sequence[Record]) -> dict[str, Any]:
     """Return the keys of leaderboard.json that state of which data and code the records are."""
     return {
-        "benchmark": sorted({r.benchmark or "" for r in records}),
-        "track": sorted({r.track for r in records}),
-        "rig": sorted({r.rig for r in records}),
-        "data": {r.sequence: r.data for r in records},
-        "code": {r.method: r.code for r in records},
-        "tuning": {r.method: r.tuning for r in records if r.tuning},
-        "parameters": {r.method: r.parameters for r in records},
+        "benchmark": sorted({r.what.benchmark or "" for r in records}),
+        "track": sorted({r.what.track for r in records}),
+        "rig": sorted({r.what.rig for r in records}),
+        "data": {r.what.sequence: r.what.data for r in records},
+        "code": {r.who.method: r.who.code for r in records},
+        "tuning": {r.who.method: r.who.tuning for r in records if r.who.tuning},
+        "parameters": {r.who.method: r.who.parameters for r in records},
     }

@@ -561,15 +561,15 @@ def answers(found: Sequence[Any]) -> Table:
 
 
 _ANSWERS = (
-    Column("method", "record.method", kind="name"),
-    Column("sequence", "record.sequence", kind="name"),
-    Column("status", "record.status"),
-    _number("answer", "record.position", ".4f"),
-    _number("truth", "record.truth", ".4f"),
-    _number("error, DoF", "record.error_dof", ".2f"),
-    _number("blur px", "record.blur_px", ".1f"),
+    Column("method", "record.who.method", kind="name"),
+    Column("sequence", "record.what.sequence", kind="name"),
+    Column("status", "record.judgement.status"),
+    _number("answer", "record.judgement.position", ".4f"),
+    _number("truth", "record.judgement.truth", ".4f"),
+    _number("error, DoF", "record.judgement.error_dof", ".2f"),
+    _number("blur px", "record.judgement.blur_px", ".1f"),
     _number("line", "line", meaning=f"The line of the answer in {RECORDS_FILE}.", link=RECORDS_FILE),
-    Column("note", "record.note", kind="note"),
+    Column("note", "record.judgement.note", kind="note"),
 )
 
 

@@ -326,7 +326,7 @@ def tune(
         raise SafGenError(f"{result.failures[0].sequence} could not be read: {result.failures[0].problem}")
     by_method: dict[str, list[Record]] = {}
     for record in result.records:
-        by_method.setdefault(record.method, []).append(record)
+        by_method.setdefault(record.who.method, []).append(record)
     objectives = {name: find_objective(records) for name, records in by_method.items()}
     order = {name: number for number, name in enumerate(by_method)}
 
@@ -335,14 +335,14 @@ def tune(
         return inf if objective is None else -objective, inf if error is None else error, order[row.method]
 
     rows = sorted(rank_methods(result.records), key=sort_key)
-    data = list(dict.fromkeys(record.data for record in result.records))
+    data = list(dict.fromkeys(record.what.data for record in result.records))
     first = result.records[0]
     tuned = TunedMethod(
         method=rows[0].method,
         dataset=name_as_text(Path(dataset).resolve().name),
         split=split,
-        track=first.track,
-        terms=first.terms,
+        track=first.what.track,
+        terms=first.what.terms,
         region=region,
         sequences=len(data),
         data=hashlib.sha256(" ".join(data).encode()).hexdigest()[:12],
@@ -368,8 +368,8 @@ def find_objective(records: Sequence[Record]) -> float | None:
 def _worth(record: Record) -> float | None:
     if record.answerable is None:
         return None
-    is_answered = record.status == "answered"
-    return float(is_answered and record.success_1dof is True) if record.answerable else -float(is_answered)
+    is_answered = record.judgement.status == "answered"
+    return float(is_answered and record.success() is True) if record.answerable else -float(is_answered)
 
 
 def _readout_hz(dataset: str | Path, split: str) -> float:

@@ -126,7 +126,7 @@ def read_row_states(run: Path, records: Iterable[Record]) -> dict[str, str]:
     found = {verdict.method: verdict for verdict in verification.verdicts}
     return {
         method: found[method].state if is_here or found[method].state != RERUN_HERE else RERUN_ELSEWHERE
-        for method, group in group_by(records, "method").items()
+        for method, group in group_by(records, "who.method").items()
         if method in found and found[method].answers == digest_answers(group)
     }
 
@@ -152,5 +152,5 @@ def to_comparable(record: Record) -> dict[str, Any]:
 
     The version of Landlock is a matter of the machine, too.
     """
-    record = replace(record, limits=record.limits.partition(", Landlock ")[0])
+    record = replace(record, who=replace(record.who, limits=record.who.limits.partition(", Landlock ")[0]))
     return {key: None if key in TIME_AND_MACHINE else value for key, value in record_to_json(record).items()}

@@ -148,12 +148,15 @@ def _check_dead_zone(maker: DatasetMaker, quick: bool) -> Finding:
         split={"repeats": repeats},
     )
     dataset = maker.make(workload)
-    found = {r.sequence: r for r in evaluate(dataset.folder, methods=["sd+sgfs_code"], region="frame").records}
+    found = {r.what.sequence: r for r in evaluate(dataset.folder, methods=["sd+sgfs_code"], region="frame").records}
     comparisons, seen = [], []
     for focus_position, scene in zip(focus_positions, scenes, strict=True):
         recordings = [dataset.find(scene=scene.id, repeat=n) for n in range(repeats)]
         records = [found[recording.id] for recording in recordings]
-        answers = [float("nan") if record.position is None else float(record.position) for record in records]
+        answers = [
+            float("nan") if record.judgement.position is None else float(record.judgement.position)
+            for record in records
+        ]
         with dataset.open(scene=scene.id, repeat=0) as stream:
             low, high = stream.truth.depth_of_focus
         depth = (high - low) / 2

@@ -131,7 +131,7 @@ def judge(dataset: Path, methods: Sequence[str]) -> dict[str, tuple[Any, list[Re
     """Return the leaderboard row and the records of each method on the split validation."""
     records = evaluate(dataset, methods=methods, split="validation").records
     rows = {row.method: row for row in rank_methods(records)}
-    return {name: (rows[name], [r for r in records if r.method == name]) for name in rows}
+    return {name: (rows[name], [r for r in records if r.who.method == name]) for name in rows}
 
 
 def choose(judged: dict[str, tuple[Any, list[Record]]], trained: dict[str, Trained]) -> tuple[str, Trained]:

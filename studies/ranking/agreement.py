@@ -45,9 +45,12 @@ def _name_regions(records: Sequence[Record]) -> list[Record]:
     Evaluations of one dataset with different ``--region`` can then be compared in one table.
     """
     named = tuple(f"@{region}" for region in REGIONS)
-    if len({r.region for r in records if not r.method.endswith(named)}) < 2:
+    if len({r.who.region for r in records if not r.who.method.endswith(named)}) < 2:
         return list(records)
-    return [r if r.method.endswith(named) else replace(r, method=f"{r.method}@{r.region}") for r in records]
+    return [
+        r if r.who.method.endswith(named) else replace(r, who=replace(r.who, method=f"{r.who.method}@{r.who.region}"))
+        for r in records
+    ]
 
 
 def agreement_table(found: Sequence[RankAgreement]) -> Table:

@@ -41,20 +41,20 @@ def read_cameras(packed: Path) -> dict[str, Answers]:
     """Return packed records by the name of their sensor; raise BadInput if they cannot be read."""
     by_sensor: dict[str, list[Record]] = defaultdict(list)
     for record in read_packed_records(packed):
-        by_sensor[record.sensor or "unknown"].append(record)
+        by_sensor[record.what.sensor or "unknown"].append(record)
     return {sensor: _by_method(of_sensor) for sensor, of_sensor in by_sensor.items()}
 
 
 def _by_method(records: Iterable[Record]) -> Answers:
     answers: dict[str, dict[str, Record]] = defaultdict(dict)
     for record in records:
-        answers[record.method][record.sequence] = record
+        answers[record.who.method][record.what.sequence] = record
     return answers
 
 
 def has_answer(record: Record) -> bool:
     """Return whether an answer to the recording can be right, and judged."""
-    return record.obstacle is None and record.success_1dof is not None
+    return record.what.obstacle is None and record.success() is not None
 
 
 def interval(values: np.ndarray, members: Sequence[str]) -> tuple[float, float, float]:
@@ -72,14 +72,18 @@ def bits_per_pixel(record: Record) -> float:
     One per readout of a spike or photon, the bits of a number per frame, and with events their mean rate over the
     recording. NaN if the record does not name its sensor.
     """
-    if record.sensor is None:
+    if record.what.sensor is None:
         return np.nan
-    name = record.sensor.partition("#")[0]  # of a preset that was changed
+    name = record.what.sensor.partition("#")[0]  # of a preset that was changed
     if name in sensor_names("frames"):
-        return float(record.frames_seen * get_sensor(name, kind="frames").bits)
+        return float(record.judgement.frames_seen * get_sensor(name, kind="frames").bits)
     if name in sensor_names("events"):
-        return np.nan if record.mean_rate is None else record.mean_rate * record.frames_seen * EVENT_BITS
-    return float(record.frames_seen)
+        return (
+            np.nan
+            if record.what.mean_rate is None
+            else record.what.mean_rate * record.judgement.frames_seen * EVENT_BITS
+        )
+    return float(record.judgement.frames_seen)
 
 
 def compare(cameras: Mapping[str, Answers]) -> list[str]:
@@ -107,12 +111,16 @@ def compare(cameras: Mapping[str, Answers]) -> list[str]:
         rows = []
         for method, found in answers.items():
             held = [found.get(name) for name in shared]
-            one = np.array([record is not None and bool(record.success_1dof) for record in held], float)
-            half = np.array([record is not None and bool(record.success_half_dof) for record in held], float)
-            errors = [abs(record.error_dof) for record in held if record is not None and record.error_dof is not None]
+            one = np.array([record is not None and bool(record.success()) for record in held], float)
+            half = np.array([record is not None and bool(record.success(0.5)) for record in held], float)
+            errors = [
+                abs(record.judgement.error_dof)
+                for record in held
+                if record is not None and record.judgement.error_dof is not None
+            ]
             bits = float(np.median([bits_per_pixel(record) for record in held if record is not None]))
-            without = [found[name] for name in seen & found.keys() if found[name].obstacle is not None]
-            false = sum(record.status == "answered" for record in without)
+            without = [found[name] for name in seen & found.keys() if found[name].what.obstacle is not None]
+            false = sum(record.judgement.status == "answered" for record in without)
             worth = (one.sum() - false) / (len(shared) + len(without))
             said = f"{false} of {len(without)} | {worth:.2f} | {bits:,.0f}"
             rows.append((one, half, method, float(np.median(errors)) if errors else np.nan, said))

@@ -181,7 +181,9 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
         other.finish(dataset, manifest, target=judged)
     kept, recorded = folder / RECORDS_FILE, {entry.content_sha256 for entry in read_manifest(judged).sequences}
     found = read_records(kept) if kept.exists() else []
-    if {record.data for record in found} != recorded or {record.method for record in found} != set(METHODS[name]):
+    if {record.what.data for record in found} != recorded or {record.who.method for record in found} != set(
+        METHODS[name]
+    ):
         result = evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False)
         _refuse_failures({failure.sequence: failure.problem for failure in result.failures})
         found = list(result.records)
@@ -189,8 +191,10 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
     drives = {entry.id: _drive(dataset / entry.file) for entry in manifest.sequences}
     answers: dict[str, dict[str, Answer]] = {}
     for record in found:
-        if record.obstacle is None and record.truth is not None:
-            answers.setdefault(record.method, {})[record.sequence] = _answer(record, drives[record.sequence])
+        if record.what.obstacle is None and record.judgement.truth is not None:
+            answers.setdefault(record.who.method, {})[record.what.sequence] = _answer(
+                record, drives[record.what.sequence]
+            )
     return answers
 
 
@@ -206,9 +210,11 @@ def _drive(path: Path) -> Any:
 
 
 def _answer(record: Record, drive: Any) -> Answer:
-    if record.position is None or record.truth is None:
+    if record.judgement.position is None or record.judgement.truth is None:
         return Answer(None, None)
-    return Answer(image_error_m(drive, record.position, truth=record.truth) * 1e6, record.error_dof)
+    return Answer(
+        image_error_m(drive, record.judgement.position, truth=record.judgement.truth) * 1e6, record.judgement.error_dof
+    )
 
 
 def image_error_m(drive: Any, position: float, *, truth: float) -> float:

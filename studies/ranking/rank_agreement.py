@@ -27,7 +27,7 @@ REGION = Axis(
     "region",
     "Region",
     "Where methods look: in the box around the target or another one, or in the whole frame.",
-    lambda r: r.region,
+    lambda r: r.who.region,
 )
 CONDITIONS = (*(axis for axis in AXES if axis.name != "scene"), REGION)
 """The conditions whose bins are compared."""
@@ -89,11 +89,11 @@ def compare_rankings(records: Iterable[Record]) -> list[RankAgreement]:
     list of RankAgreement
         One for each pair of bins of each of CONDITIONS; empty if methods have no sequence of known success in common.
     """
-    by_method = group_by(records, "method")
+    by_method = group_by(records, "who.method")
     outcomes = collect_outcomes(by_method)
     if not outcomes.scenes:
         return []
-    regions = {method: group[0].region for method, group in by_method.items()}
+    regions = {method: group[0].who.region for method, group in by_method.items()}
     found = []
     for axis in CONDITIONS:
         for (first, one), (second, other) in combinations(_split(outcomes, axis, regions=regions), 2):

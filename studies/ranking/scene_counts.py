@@ -35,12 +35,12 @@ METHODS = (
 
 def draw_tables(records: Sequence[Record], count: int, *, draws: int, seed: int = SEED) -> list[list[LeaderboardRow]]:
     """Return the rankings of ``draws`` benchmarks of ``count`` scenes of the records."""
-    scenes = sorted({record.scene for record in records})
+    scenes = sorted({record.what.scene for record in records})
     random = np.random.default_rng(seed)
     tables = []
     for _ in range(draws if count < len(scenes) else 1):
         chosen = {scenes[number] for number in random.choice(len(scenes), min(count, len(scenes)), replace=False)}
-        drawn = [record for record in records if record.scene in chosen]
+        drawn = [record for record in records if record.what.scene in chosen]
         tables.append(list(rank_methods(drawn)))
     return tables
 
@@ -81,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2
-    records = [record for record in held if record.method in METHODS]
+    records = [record for record in held if record.who.method in METHODS]
     print(summarise(records, COUNTS, draws=given.draws).to_markdown())
     return 0
 

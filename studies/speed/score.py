@@ -40,12 +40,12 @@ def run(size: Size) -> Iterator[Figure | str]:
             records += result.records
             total += seconds
     for record in records:
-        if record.status == "failed":
-            raise SafGenError(f"{record.method} failed on {record.sequence}: {record.note}")
+        if record.judgement.status == "failed":
+            raise SafGenError(f"{record.who.method} failed on {record.what.sequence}: {record.judgement.note}")
     shape = shape_text((sensor.rows, sensor.columns))
     what = f"{len(METHODS)} methods, {len(paths)} sequences of {size.frames:,} frames, {shape}"
     yield Figure(what, total, "s", MAX_S, at_most=True)
-    measures = sum(record.seconds for record in records)
+    measures = sum(record.judgement.seconds for record in records)
     yield Figure("of which in the measures", measures, "s")
     what = "time of the methods, relative to their measures, reading and counting included"
     yield Figure(what, total / measures, "×")

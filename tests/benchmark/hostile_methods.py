@@ -629,7 +629,7 @@ def prints_for_ever_from_a_thread(view):
 @says("")
 def makes_folders_too_deep_to_delete(view):
     with suppress(OSError):
-        for _ in range(3000):
+        for _ in range(1200):
             Path("a").mkdir()
             os.chdir("a")
 

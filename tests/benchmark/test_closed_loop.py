@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from handmade_records import BLANK
 from refusals import refusal
 
 import saf_gen
 from saf_gen.benchmark import evaluate as evaluate_module
+from saf_gen.benchmark.judgement import Run, count_reversals, judge
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, count_reversals, judge_run, run_closed_loop
+from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.benchmark.view.clock import Clock
@@ -107,6 +110,12 @@ def run_method(capture, method, *, protocol=None, light=None):
     return run_closed_loop(captured, method, protocol=protocol or ClosedLoopProtocol(IDEAL))
 
 
+def judged(run, truth):
+    """Return the record of a run."""
+    judgement = judge(run, truth, end_s=lambda frames: frames / 20_000)
+    return Record(BLANK.who, replace(BLANK.what, track="closed_loop"), judgement)
+
+
 def test_the_camera_sees_the_stack_at_the_position_of_the_lens(capture):
     """The SD of 320 frames at the truth equals that of a recording made there, and is smaller away from it."""
     sharp = start(capture, at=capture.truth.position).score(0, 320)
@@ -160,7 +169,7 @@ def test_the_lens_is_not_sent_out_of_its_travel(capture, to):
 def test_a_search_that_commands_ends_where_it_says(capture):
     done = run(capture, go_to(0.625))
     assert done.problem == ""
-    assert done.answer_frame == 120
+    assert done.frames_seen == 120
     assert done.path[-1] == pytest.approx(0.625, abs=1e-4)
 
 
@@ -168,9 +177,9 @@ def test_a_search_that_commands_ends_where_it_says(capture):
 def test_a_search_that_estimates_gets_a_sweep_that_stops_where_it_answers(capture, frame):
     done = run(capture, at_frame(frame), sweep_s=0.016)
     assert done.problem == ""
-    moves = np.diff(done.path[: done.answer_frame])
-    begin = int(np.argmax(np.abs(done.path - done.path[done.answer_frame - 1]) > 0.02))
-    assert done.answer_frame < 450
+    moves = np.diff(done.path[: done.frames_seen])
+    begin = int(np.argmax(np.abs(done.path - done.path[done.frames_seen - 1]) > 0.02))
+    assert done.frames_seen < 450
     assert (np.sign(moves[begin + 60 :]) != -np.sign(moves[begin + 60 :].sum())).all()
     swept = (frame + 0.5) / 320
     assert done.path[-1] == pytest.approx(swept, abs=0.03) or done.path[-1] == pytest.approx(1 - swept, abs=0.03)
@@ -203,10 +212,8 @@ def test_a_broken_method_fails_with_the_reason(capture, search, problem):
     done = run(capture, search)
     assert problem in done.problem
     assert len(done.problem.splitlines()) == 1
-    verdict = judge_run(done, capture.truth, readout_hz=20_000)
-    assert verdict["status"] == "failed"
-    assert verdict["success_2dof"] is False
-    assert "error" not in verdict
+    record = judged(done, capture.truth)
+    assert (record.judgement.status, record.judgement.position, record.success(2)) == ("failed", None, False)
 
 
 def test_a_broken_measure_is_reported_like_a_broken_search(capture):
@@ -249,12 +256,12 @@ def test_broken_methods_do_not_affect_others(dataset, register):
     result = evaluate_module.evaluate(dataset, methods=methods, protocol=ClosedLoopProtocol(IDEAL))
     assert result.failures == ()
     assert len(result.records) == 4 * len(searches)
-    grain = {record.scene_motion: record.grain_rms for record in result.records}
+    grain = {record.what.scene_motion: record.what.grain_rms for record in result.records}
     assert 0.005 < grain["static"] < 0.5
     assert grain["dynamic"] is None  # the file states only the grain of the recording's slices
     for record in result.records:
-        assert record.status == ("answered" if record.method == "sd+sound" else "failed")
-        assert bool(record.note) == (record.method != "sd+sound")
+        assert record.judgement.status == ("answered" if record.who.method == "sd+sound" else "failed")
+        assert bool(record.judgement.note) == (record.who.method != "sd+sound")
 
 
 def ignore_errors(view):
@@ -293,10 +300,10 @@ def test_both_regions_are_seen(dataset):
     )  # fmt: skip
     assert found.failures == ()
     names = ["sd+golden_section", "sd+golden_section@frame", "sd+argmax:window=20@frame"]
-    assert sorted({r.method for r in found.records}) == sorted(names)
-    assert {r.method: r.region for r in found.records}["sd+golden_section@frame"] == "frame"
-    assert [path.method for path in found.lens_paths] == [r.method for r in found.records]
-    assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2
+    assert sorted({r.who.method for r in found.records}) == sorted(names)
+    assert {r.who.method: r.who.region for r in found.records}["sd+golden_section@frame"] == "frame"
+    assert [path.method for path in found.lens_paths] == [r.who.method for r in found.records]
+    assert len({(r.what.sequence, r.what.mean_rate) for r in found.records}) == 2
     assert sorted({done for done, _, _ in steps}) == [1, 2, 3, 4, 5, 6]  # one more as a sequence ends
 
 
@@ -371,10 +378,10 @@ def test_a_piezo_is_judged_by_where_it_stands_and_its_search_sees_what_it_was_to
         return Answer(position=0.5)
 
     done = run(capture, Commands(search), actuator=replace(IDEAL, hysteresis=0.13, reads="motor"))
-    verdict = judge_run(done, capture.truth, readout_hz=20_000)
+    judgement = judged(done, capture.truth).judgement
     assert seen == pytest.approx(told, abs=1e-9)
-    assert verdict["position"] == done.path[-1] == pytest.approx(0.565, abs=1e-3)
-    assert verdict["error"] == pytest.approx(0.565 - capture.truth.position, abs=1e-3)
+    assert judgement.position == done.path[-1] == pytest.approx(0.565, abs=1e-3)
+    assert judgement.error == pytest.approx(0.565 - capture.truth.position, abs=1e-3)
 
 
 @pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16)])
@@ -391,7 +398,8 @@ def test_an_answer_without_a_look_is_the_current_lens_position(capture):
 
 
 def ran(path, *, answered=0, answer=None):
-    return ClosedLoopRun(answer or Answer(position=0.5), "", answered, np.asarray(path, float), 800, 1, 0.0)
+    path = np.asarray(path, float)
+    return Run(answer or Answer(position=0.5), "", path, answered, windows=1, seconds=0.0, commands=(0.2, 0.5))
 
 
 TRUTH = Truth(position=0.5, depth_of_focus=(0.48, 0.52))
@@ -400,30 +408,29 @@ TRUTH = Truth(position=0.5, depth_of_focus=(0.48, 0.52))
 def test_the_verdict_compares_the_last_position_with_the_truth_at_that_time():
     moving = Truth(0.5, (0.48, 0.52), track=np.linspace(0.4, 0.6, 800))
     path = np.concatenate([np.linspace(0, 0.53, 100), np.full(300, 0.53)])
-    still, then = (judge_run(ran(path), TRUTH, readout_hz=20_000), judge_run(ran(path), moving, readout_hz=20_000))
-    assert still["error_dof"] == pytest.approx(0.75)
-    assert still["blur_px"] == pytest.approx(1.5)
-    assert (still["success_half_dof"], still["success_1dof"], still["success_2dof"]) == (False, True, True)
-    assert still["lens_travel"] == pytest.approx(0.53)
-    assert then["truth"] == pytest.approx(0.4 + 0.2 * 399 / 799)
+    still, then = judged(ran(path), TRUTH), judged(ran(path), moving)
+    assert still.judgement.error_dof == pytest.approx(0.75)
+    assert still.judgement.blur_px == pytest.approx(1.5)
+    assert [still.success(limit) for limit in (0.5, 1, 2)] == [False, True, True]
+    assert still.judgement.lens_travel == pytest.approx(0.53)
+    assert then.judgement.truth == pytest.approx(0.4 + 0.2 * 399 / 799)
 
 
 def test_time_to_focus_is_when_the_lens_is_in_its_last_place_for_good():
     """In place means within a quarter of the depth of focus, 0.01: from 0.2 to 0.5 in 100 frames, that is at 97."""
     path = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 0.5, 101), np.full(99, 0.5)])
-    verdict = judge_run(ran(path, answered=100), TRUTH, readout_hz=20_000)
-    assert verdict["time_to_focus_s"] == pytest.approx((100 + 97) / 20_000, abs=1.5 / 20_000)
+    judgement = judged(ran(path, answered=100), TRUTH).judgement
+    assert judgement.time_to_focus_s == pytest.approx((100 + 97) / 20_000, abs=1.5 / 20_000)
 
 
 @pytest.mark.parametrize(("best", "right"), [(0.5, False), (1.01, False), (1.2, True), (-0.5, True)])
 def test_an_abstention_is_right_where_the_focus_is_out_of_reach(best, right):
     truth = Truth(best, (best - 0.02, best + 0.02))
-    verdict = judge_run(ran(np.full(10, 0.3), answer=Answer()), truth, readout_hz=20_000)
-    assert verdict["status"] == "abstained"
-    assert verdict["success_1dof"] is right
-    unknown = judge_run(ran(np.full(10, 0.3)), Truth(), readout_hz=20_000)
-    assert (unknown["truth"], unknown["success_1dof"]) == (None, None)
-    assert unknown["position"] == pytest.approx(0.3)
+    abstained = judged(ran(np.full(10, 0.3), answer=Answer()), truth)
+    assert (abstained.judgement.status, abstained.success()) == ("abstained", right)
+    unknown = judged(ran(np.full(10, 0.3)), Truth())
+    assert (unknown.judgement.truth, unknown.success()) == (None, None)
+    assert unknown.judgement.position == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(

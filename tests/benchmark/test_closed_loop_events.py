@@ -11,9 +11,10 @@ import yaml
 from refusals import refusal
 
 import saf_gen
+from saf_gen.benchmark.judgement import judge
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
-from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop, start_camera
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.view.clock import clock_of
@@ -178,8 +179,8 @@ def test_a_search_finds_the_focus_in_events(recorded):
     protocol = ClosedLoopProtocol(FAST)
     run = run_closed_loop(running.make_captured(), parse_method("er_count+egs_code"), protocol=protocol)
     assert run.problem == ""
-    found = judge_run(run, running.capture.truth, readout_hz=HZ)
-    assert abs(found["error_dof"]) < 4
+    found = judge(run, running.capture.truth, end_s=lambda frames: frames / HZ)
+    assert abs(found.error_dof) < 4
 
 
 def test_the_command_judges_scenes_at_rest_and_moving(captured_dataset, tmp_path, call):

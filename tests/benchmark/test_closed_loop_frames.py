@@ -9,9 +9,10 @@ import pytest
 from refusals import refusal
 
 import saf_gen
+from saf_gen.benchmark.judgement import judge
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
-from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop, start_camera
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.view.clock import LENS_HZ, clock_of
@@ -124,9 +125,9 @@ def test_a_search_finds_the_focus_in_frames(captured_dataset, tmp_path):
     for method in ("tenengrad+argmax:window=1", "tenengrad+golden_section:dt=1"):
         run = run_closed_loop(running.make_captured(), parse_method(method), protocol=protocol)
         assert run.problem == "", method
-        found = judge_run(run, running.capture.truth, readout_hz=HZ)
-        assert abs(found["error_dof"]) < 2, method
-        assert found["time_to_focus_s"] <= running.capture.frames / HZ
+        found = judge(run, running.capture.truth, end_s=lambda frames: frames / HZ)
+        assert abs(found.error_dof) < 2, method
+        assert found.time_to_focus_s <= running.capture.frames / HZ
 
 
 def test_the_command_judges_still_scenes_and_names_those_that_move(captured_dataset, tmp_path, call):

@@ -142,7 +142,7 @@ def test_the_files_shown_are_complete_short_and_conform(package_of_the_page, tmp
         assert faults(check_search(get_search(name))) == []
     write_sweep(tmp_path / "a.h5", 300.0)
     (record,) = evaluate(tmp_path / "a.h5", methods=["sd+my_search:window=50"]).records
-    assert abs(record.frame - 300) <= 50
+    assert abs(record.judgement.frame - 300) <= 50
 
 
 def test_a_package_that_cannot_be_loaded_is_reported_and_breaks_no_other(package_of_the_page, tmp_path):

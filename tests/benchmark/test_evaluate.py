@@ -5,6 +5,7 @@ from fractions import Fraction
 import h5py
 import numpy as np
 import pytest
+from handmade_records import change
 from own_plugins import PARTS
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_sweep
 from refusals import assert_says, refusal
@@ -88,18 +89,23 @@ def test_a_name_of_no_method_is_refused_with_the_nearest_or_an_example(spec, wor
 
 def test_argmax_finds_the_planted_focus_within_a_block(stream_file):
     record = one(stream_file, "sd+argmax:window=50")
-    assert record.status == "answered"
-    assert abs(record.frame - PEAK) <= 25.5
-    assert record.error_frames == pytest.approx(record.frame - PEAK)
-    assert record.error == pytest.approx(record.error_frames / (SHAPE[0] - 1), abs=1e-6)
-    assert record.error_dof == pytest.approx(record.error / 0.1)
-    assert record.success_1dof is True
-    assert (record.windows, record.region) == (16, "frame")
-    assert (record.frames_seen, record.frames) == (800, 800)
-    assert record.lens_travel == pytest.approx(1 + (1 - record.position))
-    assert (record.sequence, record.scene, record.split, record.light) == ("sweep", "sweep", None, None)
+    assert record.judgement.status == "answered"
+    assert abs(record.judgement.frame - PEAK) <= 25.5
+    assert record.judgement.error_frames == pytest.approx(record.judgement.frame - PEAK)
+    assert record.judgement.error == pytest.approx(record.judgement.error_frames / (SHAPE[0] - 1), abs=1e-6)
+    assert record.judgement.error_dof == pytest.approx(record.judgement.error / 0.1)
+    assert record.success() is True
+    assert (record.judgement.windows, record.who.region) == (16, "frame")
+    assert (record.judgement.frames_seen, record.what.frames) == (800, 800)
+    assert record.judgement.lens_travel == pytest.approx(1 + (1 - record.judgement.position))
+    assert (record.what.sequence, record.what.scene, record.what.split, record.what.light) == (
+        "sweep",
+        "sweep",
+        None,
+        None,
+    )
     with open_stream(stream_file) as stream:
-        assert record.data == stream.content_sha256
+        assert record.what.data == stream.content_sha256
 
 
 def moving(path, lens, *, dof=0.1, log=None):
@@ -135,15 +141,23 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
     (*records,) = evaluate(tmp_path / "s.h5", methods=[*DEFAULT_RECORDED_METHODS, "sd+argmax:window=20"]).records
     crossings = focus_crossings(lens, 0.4)
     for record in records:
-        if record.method.endswith(("photon_aware", "peak_fit")) and motion["kind"] == "hold" and record.frame is None:
+        if (
+            record.who.method.endswith(("photon_aware", "peak_fit"))
+            and motion["kind"] == "hold"
+            and record.judgement.frame is None
+        ):
             continue
-        assert record.status == "answered"
-        assert record.error == pytest.approx(np.interp(record.frame, np.arange(800), lens) - 0.4, abs=1e-6)
-        assert record.error_dof == pytest.approx(record.error / 0.1)
-        nearest = crossings[np.abs(crossings - record.frame).argmin()] if crossings.size else None
-        assert record.truth_frame == pytest.approx(nearest)
-        assert record.error_frames == (None if nearest is None else pytest.approx(record.frame - nearest))
-    assert records[-1].success_1dof is in_reach
+        assert record.judgement.status == "answered"
+        assert record.judgement.error == pytest.approx(
+            np.interp(record.judgement.frame, np.arange(800), lens) - 0.4, abs=1e-6
+        )
+        assert record.judgement.error_dof == pytest.approx(record.judgement.error / 0.1)
+        nearest = crossings[np.abs(crossings - record.judgement.frame).argmin()] if crossings.size else None
+        assert record.judgement.truth_frame == pytest.approx(nearest)
+        assert record.judgement.error_frames == (
+            None if nearest is None else pytest.approx(record.judgement.frame - nearest)
+        )
+    assert records[-1].success() is in_reach
 
 
 def test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log(tmp_path):
@@ -152,18 +166,23 @@ def test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log(tmp_path):
     moving(tmp_path / "plain.h5", lens)
     moving(tmp_path / "driven.h5", lens, log=lens + np.float32(0.1))
     plain, driven = (one(tmp_path / f"{name}.h5", "sd+argmax:window=20") for name in ("plain", "driven"))
-    judged = ("position", "error", "error_dof", "error_frames", "truth_frame", "lens_travel", "focus_place", "frame")
-    assert [getattr(driven, key) for key in judged] == [getattr(plain, key) for key in judged]
-    assert abs(driven.error) < 0.05
+    same = {"data": "", "seconds": 0.0, "reference_rate": None, "sequence": "", "scene": ""}
+    assert change(driven, **same) == change(plain, **same)
+    assert abs(driven.judgement.error) < 0.05
 
 
 def test_a_stream_without_truth_or_without_a_lens_record_is_searched_with_null_errors(tmp_path):
     write_sweep(tmp_path / "blind.h5", PEAK, known=False)
     record = one(tmp_path / "blind.h5", "sd+argmax:window=50")
     assert abs(record.frame - PEAK) <= 25.5
-    assert record.position == pytest.approx(record.frame / (SHAPE[0] - 1))
-    assert (record.truth, record.error, record.error_frames, record.error_dof) == (None,) * 4
-    assert record.success_1dof is None
+    assert record.judgement.position == pytest.approx(record.judgement.frame / (SHAPE[0] - 1))
+    assert (
+        record.judgement.truth,
+        record.judgement.error,
+        record.judgement.error_frames,
+        record.judgement.error_dof,
+    ) == (None,) * 4
+    assert record.success() is None
     write_stream(tmp_path / "bare.h5", make_spikes(PEAK))
     bare = one(tmp_path / "bare.h5", "sd+argmax:window=50")
     assert bare.frame == record.frame
@@ -190,13 +209,13 @@ def test_both_regions_are_two_methods_each(two_depths):
     both = evaluate(two_depths, methods=methods, region="both", progress=lambda *step: steps.append(step))
     assert sorted({(done, total) for done, total, _ in steps}) == [(n, 4) for n in (1, 2, 3, 4)]
     names = ["sd+argmax:window=50", "cen+argmax", "sd+argmax:window=50@frame", "cen+argmax@frame"]
-    assert [r.method for r in both.records] == names
-    assert [r.region for r in both.records] == ["target", "target", "frame", "frame"]
+    assert [r.who.method for r in both.records] == names
+    assert [r.who.region for r in both.records] == ["target", "target", "frame", "frame"]
     for record, region in ((both.records[0], "target"), (both.records[2], "frame")):
-        assert (record.frame, record.code) == (alone[region].frame, alone[region].code)
+        assert (record.judgement.frame, record.who.code) == (alone[region].frame, alone[region].code)
     # Conditions, such as the mean rate, describe the sequence, not the region where a method looks.
     assert alone["target"].mean_rate != alone["frame"].mean_rate
-    assert {record.mean_rate for record in both.records} == {alone["target"].mean_rate}
+    assert {record.what.mean_rate for record in both.records} == {alone["target"].mean_rate}
     assert {row.method for row in rank_methods(both.records)} == set(names)
     (sweep,) = both.sweeps
     assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
@@ -204,13 +223,13 @@ def test_both_regions_are_two_methods_each(two_depths):
 
 def test_a_method_may_name_its_region(two_depths):
     found = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame", "sd+argmax@target"], region="frame")
-    assert {r.method: r.region for r in found.records} == {
+    assert {r.who.method: r.who.region for r in found.records} == {
         "sd+argmax": "frame",
         "sd+argmax@frame": "frame",
         "sd+argmax@target": "target",
     }
     both = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame"], region="both")
-    assert [r.method for r in both.records] == ["sd+argmax", "sd+argmax@frame"]
+    assert [r.who.method for r in both.records] == ["sd+argmax", "sd+argmax@frame"]
 
 
 def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
@@ -237,7 +256,7 @@ def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, tmp_p
     found = evaluate(copy, methods=["sd+argmax"], split="all", region="both", progress=tear)
     (failure,) = found.failures
     assert (failure.sequence, "damaged" in failure.problem) == ("board2-ramp-0", True)
-    assert {r.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
+    assert {r.what.light for r in found.records} == {sweep.light for sweep in found.sweeps} == {"constant"}
     assert steps[-1][:2] == (6, 6)
 
 
@@ -259,10 +278,10 @@ def raising(error):
 def test_an_abstention_is_recorded_apart_from_errors(stream_file, register):
     register("searches", "mine", Abstains)
     record = one(stream_file, "sd+mine")
-    assert (record.status, record.note) == ("abstained", "nothing seen")
-    assert (record.frame, record.error, record.success_1dof) == (None, None, False)
-    assert record.frames_seen == 100
-    assert record.lens_travel == pytest.approx(99 / 799, abs=1e-6)
+    assert (record.judgement.status, record.judgement.note) == ("abstained", "nothing seen")
+    assert (record.judgement.frame, record.judgement.error, record.success()) == (None, None, False)
+    assert record.judgement.frames_seen == 100
+    assert record.judgement.lens_travel == pytest.approx(99 / 799, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -287,17 +306,17 @@ def test_a_wrong_answer_or_an_exception_is_a_failure_of_that_method_only(dataset
     register("searches", "mine", search)
     result = evaluate(dataset, methods=["sd+mine", "sd+argmax"], split="test")
     assert result.failures == ()
-    assert [r.status for r in result.records] == ["failed", "answered"] * 2
-    assert (result.records[0].frame, result.records[0].success_1dof) == (None, False)
-    assert result.records[0].note.startswith(note)
-    assert len(result.records[0].note.splitlines()) == 1
-    assert result.records[0].note.encode("utf-8")  # it can be written to a file
+    assert [r.judgement.status for r in result.records] == ["failed", "answered"] * 2
+    assert (result.records[0].judgement.frame, result.records[0].success()) == (None, False)
+    assert result.records[0].judgement.note.startswith(note)
+    assert len(result.records[0].judgement.note.splitlines()) == 1
+    assert result.records[0].judgement.note.encode("utf-8")  # it can be written to a file
 
 
 def test_a_broken_measure_is_a_failure_of_its_method(stream_file, register):
     register("measures", "dark", raising(RuntimeError("no light")))
     record = one(stream_file, "dark+argmax")
-    assert (record.status, record.note) == ("failed", "RuntimeError: no light")
+    assert (record.judgement.status, record.judgement.note) == ("failed", "RuntimeError: no light")
 
 
 def test_an_interrupt_stops_the_evaluation(stream_file, register):
@@ -309,7 +328,7 @@ def test_an_interrupt_stops_the_evaluation(stream_file, register):
 def test_any_kind_of_number_is_an_answer(stream_file, register):
     register("searches", "mine", lambda view: Answer(Fraction(601, 2), (np.float32(0.5), 1)))
     record = one(stream_file, "sd+mine")
-    assert (record.status, record.frame, record.trace) == ("answered", 300.5, (0.5, 1.0))
+    assert (record.judgement.status, record.judgement.frame, record.judgement.trace) == ("answered", 300.5, (0.5, 1.0))
 
 
 def test_damage_that_only_a_method_reads_is_not_a_failure_of_the_method(tmp_path, register):
@@ -357,11 +376,14 @@ def test_no_record_names_a_content_that_is_not_in_the_file(dataset, tmp_path, ch
         document = json.loads((copy / "manifest.json").read_text()) | {"files": []}
         del document["checksum"]
         (copy / "manifest.json").write_text(json.dumps(document))
-    assert [record.sequence for record in evaluate(copy, methods=["sd+argmax"]).records] == [path.stem, "board2-ramp-0"]
+    assert [record.what.sequence for record in evaluate(copy, methods=["sd+argmax"]).records] == [
+        path.stem,
+        "board2-ramp-0",
+    ]
     with h5py.File(path, "r+") as file:
         change(file)
     found = evaluate(copy, methods=["sd+argmax"])
-    assert [record.sequence for record in found.records] == ["board2-ramp-0"]
+    assert [record.what.sequence for record in found.records] == ["board2-ramp-0"]
     assert [failure.sequence for failure in found.failures] == [path.stem]
     assert_says(BadInput(found.failures[0].problem), f"{path}: the content has SHA-256")
     assert_says(refusal(one, path, "sd+argmax"), f"{path}: the content has SHA-256")
@@ -378,7 +400,7 @@ def test_a_file_of_other_bytes_with_the_same_content_is_judged(dataset, tmp_path
         spikes, attributes = file["spikes"][...], dict(file["spikes"].attrs)
         del file["spikes"]
         file.create_dataset("spikes", data=spikes, chunks=(5, 7, 11)).attrs.update(attributes)
-    assert evaluate(copy, methods=["sd+argmax"]).records[0].data == evaluate(dataset).records[0].data
+    assert evaluate(copy, methods=["sd+argmax"]).records[0].what.data == evaluate(dataset).records[0].what.data
 
 
 def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path):
@@ -418,7 +440,7 @@ def test_every_method_meets_every_sequence_in_order(dataset):
     steps = []
     methods = ["sd+argmax", "er_count+argmax"]
     out = evaluate(dataset, methods=methods, split="all", progress=lambda *step: steps.append(step))
-    assert [(r.sequence, r.method) for r in out.records] == [
+    assert [(r.what.sequence, r.who.method) for r in out.records] == [
         (sequence, method)
         for sequence in ("board-constant-0", "board2-constant-0", "board2-ramp-0")
         for method in ("sd+argmax", "er_count+argmax")
@@ -432,7 +454,7 @@ def test_a_split_and_a_scene_motion_pick_their_sequences_and_an_unknown_one_is_n
     assert len(evaluate(dataset, methods=["sd+argmax"], split="all", scene_motion="static").records) == 3
     error = refusal(evaluate, dataset, methods=["sd+argmax"], scene_motion="dynamic")
     assert ("'dynamic'" in error.problem, error.allowed) == (True, "static")
-    assert {r.split for r in evaluate(dataset, methods=["sd+argmax"], split="train").records} == {"train"}
+    assert {r.what.split for r in evaluate(dataset, methods=["sd+argmax"], split="train").records} == {"train"}
     error = refusal(evaluate, dataset, split="tset")
     assert (error.allowed, error.nearest) == ("all, test, train", "test")
 
@@ -454,7 +476,7 @@ def test_a_sequence_that_cannot_be_read_or_is_another_is_named_and_the_others_go
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     write_sweep(copy / "train" / "board-constant-0.h5", 500.0)
     found = evaluate(copy, methods=["sd+argmax"], split="all")
-    assert [r.sequence for r in found.records] == ["board2-ramp-0"]
+    assert [r.what.sequence for r in found.records] == ["board2-ramp-0"]
     problems = {failure.sequence: failure.problem for failure in found.failures}
     assert "not the stream that the manifest names" in problems["board-constant-0"]
     assert "board2-constant-0.h5" in problems["board2-constant-0"]

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from handmade_records import BLANK
 from planted_sweeps import make_spikes
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judge
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run
+from saf_gen.benchmark.judgement import Run, judge
+from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Record
 from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, judge_crossing, judge_location, truncate_truth
 from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
 from saf_gen.core.seeds import make_generator
@@ -47,8 +48,14 @@ PLANTED = [
 ]
 
 
+def successes(run, known, **what):
+    """Return whether a run is a success within each limit."""
+    judgement = judge(run, known, end_s=lambda frames: frames / 20_000)
+    return tuple(map(Record(BLANK.who, replace(BLANK.what, **what), judgement).success, SUCCESS_LIMITS_DOF))
+
+
 def binned(records):
-    (table,) = (t for t in by_axis(records, [records[0].method]) if t.axis.name == "focus_position")
+    (table,) = (t for t in by_axis(records, [records[0].who.method]) if t.axis.name == "focus_position")
     (found,) = table.bins
     return found.name
 
@@ -65,8 +72,8 @@ def test_on_a_recording_it_lies_where_the_sweep_meets_it(tmp_path, lens, best, w
     ).records
     assert binned([abstained]) == where
     assert {binned([r]) for r in answered} == {where}
-    assert abstained.success_1dof is (where == "outside")
-    assert not (where == "outside" and any(r.success_1dof for r in answered))
+    assert abstained.success() is (where == "outside")
+    assert not (where == "outside" and any(r.success() for r in answered))
 
 
 @pytest.mark.parametrize(("best", "where"), [(0.5, (0.5, 0.0)), (-0.015, (0.0, 0.75)), (-0.03, (None, 1.5))])
@@ -75,11 +82,8 @@ def test_in_the_closed_loop_the_focus_position_is_that_in_the_travel(best, where
     known = truth(best, lens=PART)
     location, off = judge_location(known)
     assert (location, off) == (where[0], pytest.approx(where[1]))
-    run = ClosedLoopRun(Answer(), "", 10, np.full(10, 0.3), 800, 1, 0.0)
-    verdict = judge_run(run, known, readout_hz=20_000)
-    assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == tuple(
-        verdict[f"success_{name}"] for name in ("half_dof", "1dof", "2dof")
-    )
+    run = Run(Answer(), "", np.full(10, 0.3), frames_seen=10, windows=1, seconds=0.0, commands=(0.3,))
+    assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == successes(run, known, track="closed_loop")
 
 
 def test_a_focus_that_moves_lies_where_the_lens_first_meets_it():
@@ -135,13 +139,14 @@ def test_outside_is_where_an_abstention_is_right_for_any_lens_and_truth():
         track = random.uniform(0, 1) + drift if random.random() < 0.3 else None
         known = truth(float(random.uniform(-0.3, 1.3)), dof=float(random.uniform(0.01, 0.2)), track=track)
         location, off = judge_crossing(known, lens)
-        verdict = judge(
-            None, frames_seen=60, focus_position=lens, truth=known.position, track=track,
-            truth_frame=known.frame, ends=known.depth_of_focus,
-        )  # fmt: skip
-        assert tuple(off > limit for limit in SUCCESS_LIMITS_DOF) == verdict.success
-        assert (location is None) == verdict.success[1]
-        seen.add(verdict.success)
+        run = Run(Answer(), "", lens, frames_seen=60, windows=1, seconds=0.0)
+        right = successes(run, known, focus_off_dof=off)
+        nearest = np.abs(lens - (known.position if track is None else track)).min() / (
+            2 * known.position - 2 * known.depth_of_focus[0]
+        )
+        assert right == tuple(nearest > limit for limit in SUCCESS_LIMITS_DOF)
+        assert (location is None) == right[1]
+        seen.add(right)
     assert len(seen) == 4
 
 
@@ -160,12 +165,12 @@ def test_of_a_closed_loop_only_its_frames_count(tmp_path):
         every, first = (
             describe_sequence(task, stream, rate=light, blank=None, track="closed_loop", frames=n) for n in (None, 200)
         )
-    assert (recorded["track"], first["track"]) == ("recorded", "closed_loop")
-    assert recorded["focus_place"] == pytest.approx(400.5 / FRAMES)
-    assert (every["focus_place"], every["light_ratio"]) == (0.5, pytest.approx(4, rel=1e-3))
-    assert first["focus_place"] == pytest.approx(drift[199])  # the recorded lens meets it later
-    assert first["light_ratio"] == pytest.approx(ramp[199], rel=1e-3)
-    assert first["mean_rate"] == pytest.approx(ramp[:200].mean() / 10)
+    assert (recorded.track, first.track) == ("recorded", "closed_loop")
+    assert recorded.focus_place == pytest.approx(400.5 / FRAMES)
+    assert (every.focus_place, every.light_ratio) == (0.5, pytest.approx(4, rel=1e-3))
+    assert first.focus_place == pytest.approx(drift[199])  # the recorded lens meets it later
+    assert first.light_ratio == pytest.approx(ramp[199], rel=1e-3)
+    assert first.mean_rate == pytest.approx(ramp[:200].mean() / 10)
 
 
 def test_a_focus_that_comes_into_reach_later_is_outside_until_then():

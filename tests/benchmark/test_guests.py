@@ -99,7 +99,7 @@ def test_a_guest_gives_what_the_same_method_gives_in_the_evaluator(tmp_path):
     guests = [f"{tmp_path}/mine.py:{name}+{search}" for name, search in GUESTS]
     records = evaluate(dataset, methods=[*shipped, *guests], draw=False, check=False).records
     for one, other in zip(shipped, guests, strict=True):
-        mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
+        mine, theirs = ([plain(r) for r in records if r.who.method == name] for name in (one, other))
         for a, b in zip(mine, theirs, strict=True):
             assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
 
@@ -114,11 +114,14 @@ def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
         captured_dataset, methods=methods, protocol=protocol, draw=False, check=False, limits=LONG
     ).records
     for one, other in zip(methods[::2], methods[1::2], strict=True):
-        mine, theirs = ([plain(r) for r in records if r.method == name] for name in (one, other))
+        mine, theirs = ([plain(r) for r in records if r.who.method == name] for name in (one, other))
         for a, b in zip(mine, theirs, strict=True):
             assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
-    waits = next(record for record in records if record.method == methods[-1])
-    assert (waits.status, waits.note) == ("failed", f"the budget of {waits.frames} frames was spent")
+    waits = next(record for record in records if record.who.method == methods[-1])
+    assert (waits.judgement.status, waits.judgement.note) == (
+        "failed",
+        f"the budget of {waits.what.frames} frames was spent",
+    )
 
 
 def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captured_dataset):
@@ -131,11 +134,11 @@ def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captur
     alone = evaluate(
         captured_dataset, methods=[methods[0], methods[-1]], protocol=protocol, draw=False, check=False
     ).records
-    assert [plain(r) for r in records if r.method not in hostile] == [plain(r) for r in alone]
+    assert [plain(r) for r in records if r.who.method not in hostile] == [plain(r) for r in alone]
     for record in records:
-        if hostile.get(record.method):
-            assert record.status == "failed"
-            assert re.search(hostile[record.method], record.note), record.note
+        if hostile.get(record.who.method):
+            assert record.judgement.status == "failed"
+            assert re.search(hostile[record.who.method], record.judgement.note), record.judgement.note
 
 
 WAITS = """
@@ -200,9 +203,9 @@ def test_a_saboteur_changes_no_row_of_another(tmp_path):
     beside = evaluate(dataset, methods=[saboteurs[0], *others, *saboteurs[1:]], draw=False, check=False).records
     cost = ("seconds", "machine", "reference_rate")
     expected = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in alone]
-    found = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in beside if r.method in others]
+    found = [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in beside if r.who.method in others]
     assert found == expected
-    assert {r.status for r in beside if r.method == saboteurs[2]} == {"failed"}
+    assert {r.judgement.status for r in beside if r.who.method == saboteurs[2]} == {"failed"}
 
 
 def test_a_guest_holds_no_file_no_path_and_no_truth(tmp_path):
@@ -210,7 +213,7 @@ def test_a_guest_holds_no_file_no_path_and_no_truth(tmp_path):
     dataset = write_three_sweeps(tmp_path / "secret-dataset-of-nobody")
     (tmp_path / "spy.py").write_text(SPY)
     (record, *_) = evaluate(dataset, methods=[f"sd+{tmp_path}/spy.py:spy"], draw=False, check=False).records
-    assert record.note == "nothing found", record.note
+    assert record.judgement.note == "nothing found", record.judgement.note
 
 
 SPY = """
@@ -383,13 +386,13 @@ def test_a_guest_that_cannot_be_started_again_fails_its_own_row(tmp_path, captur
     monkeypatch.setattr("saf_gen.core.child.subprocess.Popen", refuse)
     how = {"protocol": protocol, "draw": False, "check": False, "limits": own, "scene_motion": "static"}
     records = evaluate(captured_dataset, methods=methods, **how).records
-    notes = {record.note for record in records if record.method == methods[1]}
+    notes = {record.judgement.note for record in records if record.who.method == methods[1]}
     assert notes == {
         "its process ended with exit code 0",
         "its process cannot be started: Resource temporarily unavailable",
     }
     alone = evaluate(captured_dataset, methods=methods[::2], **how).records
-    assert [plain(r) for r in records if r.method != methods[1]] == [plain(r) for r in alone]
+    assert [plain(r) for r in records if r.who.method != methods[1]] == [plain(r) for r in alone]
 
 
 class Breaks(RecordingView):

@@ -105,19 +105,19 @@ def test_hostile_methods_cost_their_own_rows_alone(sweeps, captured_dataset, clu
     alone = evaluate(dataset, methods=others, **how)
     beside = evaluate(dataset, methods=mixed, **how)
     assert (alone.failures, beside.failures) == ((), ())
-    assert {r.status for r in alone.records if r.method in foreign} == {"answered"}
+    assert {r.judgement.status for r in alone.records if r.who.method in foreign} == {"answered"}
     for method in others:
         assert rows(beside, method) == rows(alone, method)
     for method, reason in hostile.items():
         for record in beside.records:
-            if record.method == method and reason:
-                assert record.status == "failed"
-                assert re.search(f"{reason}|within 3 s" if "MiB" in reason else reason, record.note), method
-            elif record.method == method:
-                assert record.status == "answered", (method, record.note)
+            if record.who.method == method and reason:
+                assert record.judgement.status == "failed"
+                assert re.search(f"{reason}|within 3 s" if "MiB" in reason else reason, record.judgement.note), method
+            elif record.who.method == method:
+                assert record.judgement.status == "answered", (method, record.judgement.note)
 
 
 def rows(evaluation, method):
-    found = [record_to_json(record) for record in evaluation.records if record.method == method]
+    found = [record_to_json(record) for record in evaluation.records if record.who.method == method]
     assert found
     return [{key: value for key, value in record.items() if key not in COST} for record in found]

@@ -68,18 +68,18 @@ def guest(tmp_path):
 def test_a_guest_sees_the_polarities_that_a_search_of_ours_sees(events, guest):
     path, falls, rises = events
     (record,) = evaluate(path, methods=[guest()]).records
-    assert (record.status, record.note) == ("answered", "")
-    assert record.trace == (falls, rises)
-    assert record.frame == 1949.5
-    assert (record.windows, record.frames_seen) == (40, 4000)
-    assert record.operations == pytest.approx(40 * (100.0 * 120 + 2e5))  # undeclared: a look, and a window
+    assert (record.judgement.status, record.judgement.note) == ("answered", "")
+    assert record.judgement.trace == (falls, rises)
+    assert record.judgement.frame == 1949.5
+    assert (record.judgement.windows, record.judgement.frames_seen) == (40, 4000)
+    assert record.judgement.operations == pytest.approx(40 * (100.0 * 120 + 2e5))  # undeclared: a look, and a window
 
 
 def test_a_guest_that_does_not_say_so_fails_in_one_line_where_there_are_no_events(tmp_path, guest):
     saf_gen.write_stream(tmp_path / "spikes.h5", np.zeros((160, 10, 12), np.uint8))
     (record,) = evaluate(tmp_path / "spikes.h5", methods=[guest(polarities="")]).records
-    assert record.status == "failed"
-    assert "no events, and so no polarities" in record.note
+    assert record.judgement.status == "failed"
+    assert "no events, and so no polarities" in record.judgement.note
 
 
 @pytest.mark.parametrize("method", ["er_count+pbf_events", "er_count+elp_events:reject=true", "guest"])
@@ -105,7 +105,9 @@ def test_what_makes_events_of_spikes_is_refused_on_events_and_names_its_twin(eve
 def test_searches_of_ours_run_on_events(events):
     methods = ["er_count+pbf_events", "er_count+elp_events", "er_count+egs_events", "sd+pbf_events:reject=true"]
     records = evaluate(events[0], methods=methods).records
-    assert all(record.status in ("answered", "abstained") for record in records), [r.note for r in records]
+    assert all(record.judgement.status in ("answered", "abstained") for record in records), [
+        r.judgement.note for r in records
+    ]
 
 
 def test_the_checks_of_a_search_give_it_polarities(guest):

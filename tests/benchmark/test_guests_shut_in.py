@@ -168,10 +168,10 @@ def test_a_method_answers_alike_with_and_without_landlock(tmp_path, monkeypatch)
     inside = evaluate(dataset, limits=Limits(run_s=59), **how).records
     monkeypatch.setattr(host, "reach_of", lambda *_, **__: None)
     outside = evaluate(dataset, limits=Limits(run_s=58), **how).records
-    assert {record.status for record in inside} == {"answered"}
-    assert {record.limits for record in outside} == {"58 s, 2,048 MiB, Landlock 0"}
+    assert {record.judgement.status for record in inside} == {"answered"}
+    assert {record.who.limits for record in outside} == {"58 s, 2,048 MiB, Landlock 0"}
     if has_landlock():
-        assert all(int(record.limits.rpartition(" ")[2]) >= 6 for record in inside)
+        assert all(int(record.who.limits.rpartition(" ")[2]) >= 6 for record in inside)
     cost = ("seconds", "reference_rate", "limits")
     plain = [
         [{k: v for k, v in record_to_json(r).items() if k not in cost} for r in rows] for rows in (inside, outside)

@@ -4,11 +4,10 @@ import dataclasses
 import os
 import shutil
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from handmade_records import BLANK
+from handmade_records import BLANK, change
 from planted_sweeps import write_three_sweeps
 
 from saf_gen.benchmark.evaluate import evaluate
@@ -162,7 +161,7 @@ def test_the_command_reports_kept_results_and_leaves_no_files(dataset, tmp_path,
 
 def test_a_closed_loop_is_kept_until_its_stacks_change(tmp_path):
     path = LensPath("m", "s", None, "board", None, np.arange(3.0), np.array([0.1, 0.5, np.nan]), np.zeros(3), None, "")
-    result = Evaluation((replace(BLANK, trace=(1.0, float("nan"))),), (), (), (path,))
+    result = Evaluation((change(BLANK, trace=(1.0, float("nan"))),), (), (), (path,))
     task = SequenceTask("s", None, "board", None, tmp_path / "s.h5", "c0ffee")
     (tmp_path / "stacks" / "board-1").mkdir(parents=True)
     terms = {"predictions": None, "stacks": tmp_path / "stacks"}

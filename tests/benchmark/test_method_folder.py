@@ -54,13 +54,25 @@ def test_a_folder_gives_the_answers_of_its_files_and_one_digest_wherever_it_lies
     shutil.copytree(folder, tmp_path / "a + b @ c" / "moved")
     methods = ["my_method/", "my_method@frame", "a + b @ c/moved/", file]
     records = evaluate(dataset, methods=methods, draw=False).records
-    by_name = {name: [r for r in records if r.method == name] for name in dict.fromkeys(r.method for r in records)}
+    by_name = {
+        name: [r for r in records if r.who.method == name] for name in dict.fromkeys(r.who.method for r in records)
+    }
     assert list(by_name) == ["my_method/", "a + b @ c/moved/", file, "my_method/@frame"]
     (mine, moved, plain, framed) = by_name.values()
-    assert [r.frame for r in mine] == [r.frame for r in moved] == [r.frame for r in plain] != [None] * 3
-    assert {r.code for r in mine} == {r.code for r in moved} == {r.code for r in framed} != {r.code for r in plain}
-    assert mine[0].parameters == "my net: Net(weights='weights.txt') + Argmax(window=50, refine='no', near=0.5)"
-    assert mine[0].limits
+    assert (
+        [r.judgement.frame for r in mine]
+        == [r.judgement.frame for r in moved]
+        == [r.judgement.frame for r in plain]
+        != [None] * 3
+    )
+    assert (
+        {r.who.code for r in mine}
+        == {r.who.code for r in moved}
+        == {r.who.code for r in framed}
+        != {r.who.code for r in plain}
+    )
+    assert mine[0].who.parameters == "my net: Net(weights='weights.txt') + Argmax(window=50, refine='no', near=0.5)"
+    assert mine[0].who.limits
     assert record_to_json(mine[0])["note"] == ""
 
 

@@ -1,9 +1,7 @@
 """Descriptions of measures and searches on report pages: of methods that ran, and of records with the same code."""
 
-from dataclasses import replace
-
 import pytest
-from handmade_records import record
+from handmade_records import change, record
 
 from saf_gen.benchmark.method_spec import parse_method
 from saf_gen.benchmark.plugin_description import describe_plugins, describe_recorded
@@ -53,8 +51,8 @@ def test_a_measure_or_search_that_methods_share_is_described_once():
 def test_recorded_methods_are_described_only_where_their_code_is_the_same():
     known, other = parse_method("sd+argmax"), parse_method("cen+argmax")
     records = [
-        replace(record("sd+argmax", "a", 0.0), code=known.code),
-        replace(record("cen+argmax", "a", 0.0), code=other.code[::-1]),
+        change(record("sd+argmax", "a", 0.0), code=known.code),
+        change(record("cen+argmax", "a", 0.0), code=other.code[::-1]),
         record("my_net", "a", 0.0),
         record("sd+no_such_search", "a", 0.0),
         record("sd+argmax:no_such_option=1", "a", 0.0),
@@ -65,7 +63,7 @@ def test_recorded_methods_are_described_only_where_their_code_is_the_same():
 def test_recorded_forms_of_measures_are_described(register):
     names = ("gradient_code_n+argmax", "sd_tfi+argmax", "gradient_code_n_tfi+argmax", "cen_no+argmax", "_n+argmax")
     known = {name: parse_method(name).code for name in names[:3]}
-    records = [replace(record(name, "a", 0.0), code=known.get(name, "x")) for name in names]
+    records = [change(record(name, "a", 0.0), code=known.get(name, "x")) for name in names]
     described = [d.name for d in describe_recorded(records)]
     assert described == ["gradient_code_n", "sd_tfi", "gradient_code_n_tfi", "argmax"]
     register("measures", "sd_tfi", lambda counts: 0.0)  # somebody's own, by the full name
@@ -91,6 +89,6 @@ def test_what_cannot_describe_itself_stops_no_evaluation():
             raise RuntimeError("no")
 
     known = parse_method("sd+argmax")
-    measure, search = describe_plugins([replace(known, measure=Sulking())])
+    measure, search = describe_plugins([change(known, measure=Sulking())])
     assert measure.facts == (("what", "it cannot be described: RuntimeError: no"),)
     assert search.name == "argmax"

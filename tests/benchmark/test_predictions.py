@@ -35,31 +35,34 @@ def test_predictions_are_judged_like_the_answers_of_methods(dataset, tmp_path):
     ours = evaluate(dataset, methods=["sd+argmax"]).records
     path = written(
         tmp_path / "p.jsonl",
-        *(line(r.sequence, r.frame, trace=list(r.trace), seconds=0.25, note="by hand") for r in ours),
+        *(
+            line(r.what.sequence, r.judgement.frame, trace=list(r.judgement.trace), seconds=0.25, note="by hand")
+            for r in ours
+        ),
     )
     records = evaluate(dataset, methods=["sd+argmax"], predictions=path).records
-    theirs = [r for r in records if r.method == "my_net"]
-    assert [r.sequence for r in theirs] == ["one", "two"]
+    theirs = [r for r in records if r.who.method == "my_net"]
+    assert [r.what.sequence for r in theirs] == ["one", "two"]
     for mine, other in zip(ours, theirs, strict=True):
-        for key in ("frame", "position", "error", "error_dof", "success_1dof", "truth", "trace", "lens_travel"):
-            assert getattr(mine, key) == getattr(other, key)
-        assert (other.seconds, other.note, other.frames_seen) == (0.25, "by hand", 800)
-    assert len({r.code for r in theirs}) == 1
+        for key in ("frame", "position", "error", "error_dof", "truth", "trace", "lens_travel"):
+            assert getattr(mine.judgement, key) == getattr(other.judgement, key)
+        assert (other.judgement.seconds, other.judgement.note, other.judgement.frames_seen) == (0.25, "by hand", 800)
+    assert len({r.who.code for r in theirs}) == 1
 
 
 def test_frames_seen_count_for_the_way_of_the_lens(dataset, tmp_path):
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=400), line("two", None, frames_seen=800))
     one, two = evaluate(dataset, methods=[], predictions=path).records
-    assert one.lens_travel == pytest.approx((399 + 99) / 799, abs=1e-3)
-    assert (two.status, two.error) == ("abstained", None)
+    assert one.judgement.lens_travel == pytest.approx((399 + 99) / 799, abs=1e-3)
+    assert (two.judgement.status, two.judgement.error) == ("abstained", None)
 
 
 def test_an_answer_beyond_the_recording_is_a_failure(dataset, tmp_path):
     path = written(tmp_path / "p.jsonl", line("one", 900), line("two", 500))
     one, two = evaluate(dataset, methods=[], predictions=path).records
-    assert (one.status, one.success_2dof) == ("failed", False)
-    assert "answered frame 900.0" in one.note
-    assert two.success_1dof
+    assert (one.judgement.status, one.success(2)) == ("failed", False)
+    assert "answered frame 900.0" in one.judgement.note
+    assert two.success()
 
 
 @pytest.mark.parametrize(
@@ -123,9 +126,9 @@ def test_predictions_of_other_data_are_refused_before_anything_runs(dataset, tmp
 def test_predictions_of_one_stream_are_held_to_the_stream_itself(dataset, tmp_path):
     stream = dataset / "test" / "one.h5"
     (ours,) = evaluate(stream, methods=["sd+argmax"]).records
-    good = written(tmp_path / "good.jsonl", line("one", 300, data=ours.data, frames_seen=800))
+    good = written(tmp_path / "good.jsonl", line("one", 300, data=ours.what.data, frames_seen=800))
     (record,) = evaluate(stream, methods=[], predictions=good).records
-    assert (record.status, record.data) == ("answered", ours.data)
+    assert (record.judgement.status, record.what.data) == ("answered", ours.what.data)
     steps = []
     for wrong, problem in ({"data": "f" * 64}, "ffffffffffff"), ({"frames_seen": 801}, "frames_seen is 801"):
         path = written(tmp_path / "wrong.jsonl", line("one", 300, **wrong))
@@ -147,9 +150,9 @@ def test_where_the_manifest_says_another_length_that_prediction_alone_fails(data
     write_manifest(copy, replace(manifest, sequences=tuple(replace(s, frames=900) for s in manifest.sequences)))
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
     ran, one, other, two = evaluate(copy, methods=["sd+argmax"], predictions=path).records
-    assert (ran.status, other.status, two.status) == ("answered", "answered", "answered")
-    assert (one.status, one.frames_seen, one.success_2dof) == ("failed", 800, False)
-    assert one.note == "frames_seen is 850, but 800 frames were recorded"
+    assert (ran.judgement.status, other.judgement.status, two.status) == ("answered", "answered", "answered")
+    assert (one.judgement.status, one.judgement.frames_seen, one.success(2)) == ("failed", 800, False)
+    assert one.judgement.note == "frames_seen is 850, but 800 frames were recorded"
 
 
 def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, tmp_path, call):
@@ -168,7 +171,7 @@ def test_predictions_are_judged_where_the_evaluation_looks(dataset, tmp_path):
     path = written(tmp_path / "p.jsonl", line("one", 300.0), line("two", 500.0))
     for methods in ([], ["sd+argmax", "sd+argmax@target"]):
         found = evaluate(dataset, methods=methods, predictions=path, region="frame")
-        assert {r.region for r in found.records if r.method == "my_net"} == {"frame"}
+        assert {r.who.region for r in found.records if r.who.method == "my_net"} == {"frame"}
         assert len(found.records) == 2 * (1 + len(methods))
         assert [sweep.sequence for sweep in found.sweeps] == ["one", "two"]
-        assert len({(r.sequence, r.mean_rate) for r in found.records}) == 2
+        assert len({(r.what.sequence, r.what.mean_rate) for r in found.records}) == 2

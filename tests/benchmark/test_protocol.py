@@ -141,7 +141,7 @@ def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(recording, tmp_p
     assert "the actuator stepper needs 409.55 ms for a sweep" in message
     assert not (tmp_path / "out").exists()
     assert call(*loop)[0] == 0
-    assert {r.terms for r in read_records(tmp_path / "out")} == {"stepper, 40 ms, no sweep, 1e+09 op/s"}
+    assert {r.what.terms for r in read_records(tmp_path / "out")} == {"stepper, 40 ms, no sweep, 1e+09 op/s"}
 
 
 def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(recording):
@@ -149,8 +149,8 @@ def test_a_drive_too_slow_for_half_the_budget_sweeps_from_end_to_end(recording):
     slow = ClosedLoopProtocol(get_actuator("ideal", speed=1 / 0.025))
     result = evaluate(recording, methods=["sd+argmax"], protocol=slow)
     (record,), (path,) = result.records, result.lens_paths
-    assert record.terms.endswith(", 40 ms, sweep 25.05 ms")
-    assert record.status == "answered"
-    seen = path.position[path.seconds < record.frames_seen / 20_000]
+    assert record.what.terms.endswith(", 40 ms, sweep 25.05 ms")
+    assert record.judgement.status == "answered"
+    seen = path.position[path.seconds < record.judgement.frames_seen / 20_000]
     assert seen.min() < 0.01
     assert seen.max() > 0.99

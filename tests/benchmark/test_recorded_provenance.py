@@ -39,7 +39,7 @@ def stream(tmp_path):
 
 
 def evaluated(path, *methods, **options):
-    return {record.method: record for record in evaluate(path, methods=methods, **options).records}
+    return {record.who.method: record for record in evaluate(path, methods=methods, **options).records}
 
 
 EXPECTED = {
@@ -60,17 +60,17 @@ def test_grain_is_compared_with_the_curve_of_the_measure_where_it_looks_at_the_t
     (tmp_path / "p.jsonl").write_text('{"method": "elsewhere", "sequence": "a", "frame": 300}\n')
     methods = [f"{measure}+argmax" for measure in EXPECTED]
     found = evaluated(folder, *methods, "sd+argmax@frame", predictions=tmp_path / "p.jsonl")
-    assert [record.grain_rms for record in found.values()] == pytest.approx([0.02] * len(found))
-    assert {name: found[f"{name}+argmax"].grain_of_curve for name in EXPECTED} == pytest.approx(EXPECTED)
-    assert found["sd+argmax@frame"].grain_of_curve is None
-    assert found["elsewhere"].grain_of_curve is None
+    assert [record.what.grain_rms for record in found.values()] == pytest.approx([0.02] * len(found))
+    assert {name: found[f"{name}+argmax"].judgement.grain_of_curve for name in EXPECTED} == pytest.approx(EXPECTED)
+    assert found["sd+argmax@frame"].judgement.grain_of_curve is None
+    assert found["elsewhere"].judgement.grain_of_curve is None
 
 
 @pytest.mark.parametrize("provenance", [{}, {"grain": "spoilt"}])
 def test_a_recording_without_grain_is_evaluated_all_the_same(stream, provenance):
     record = evaluated(stream(provenance), "sd+argmax")["sd+argmax"]
-    assert record.status == "answered"
-    assert (record.grain_rms, record.grain_of_curve) == (None, None)
+    assert record.judgement.status == "answered"
+    assert (record.what.grain_rms, record.judgement.grain_of_curve) == (None, None)
 
 
 def name_of(sensor):

@@ -9,26 +9,35 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from handmade_records import BLANK
+from handmade_records import BLANK, change
 from planted_sweeps import write_sweep
 from refusals import assert_says, refusal
 
 from saf_gen.benchmark.evaluate import evaluate
-from saf_gen.benchmark.records import RECORD_FORMAT, Record, format_records, read_records, record_to_json, write_records
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run
+from saf_gen.benchmark.judgement import Run, judge
+from saf_gen.benchmark.records import (
+    FOLLOWING,
+    PARTS,
+    RECORD_FORMAT,
+    SUCCESS_LIMITS_DOF,
+    Record,
+    format_records,
+    read_records,
+    record_to_json,
+    write_records,
+)
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
 
-FULL = replace(
-    BLANK, trace=(400.5, 3.0), track="closed_loop", terms="voice_coil, 400 ms", variant=2, scene_motion="dynamic",
-    lens_motion="sweep", truth_first=0.4, focus_place=0.35, focus_off_dof=0.2, mean_rate=0.21, light_ratio=5.0,
+FULL = change(
+    BLANK, trace=(400.5, 3.0), track="closed_loop", terms="voice_coil, 400 ms", scene_motion="dynamic",
+    lens_motion="sweep", focus_place=0.35, focus_off_dof=0.2, mean_rate=0.21, light_ratio=5.0, least_blur=-0.02,
     time_to_focus_s=0.31, reversals=2, parameters="SpikeDispersion() + Argmax(window=100, refine=False)",
-    machine="x86_64, 2 cores", grain_rms=0.02, grain_of_curve=0.3,
+    machine="x86_64, 2 cores", grain_rms=0.02, grain_of_curve=0.3, operations=1e6, reference_rate=1e9,
 )  # fmt: skip
-EMPTY = replace(
-    BLANK, **{f.name: None for f in fields(Record) if NoneType in get_args(f.type)}, status="abstained", trace=()
-)
+OPTIONAL = [f.name for part in PARTS for f in fields(part) if NoneType in get_args(f.type)]
+EMPTY = change(BLANK, **dict.fromkeys(OPTIONAL), status="abstained", trace=())
 
 
 @pytest.fixture
@@ -51,16 +60,16 @@ def test_a_file_is_read_back_from_itself_or_from_its_folder(tmp_path):
 
 
 def test_numbers_of_numpy_and_whole_numbers_for_floats_are_read_back(read):
-    odd = replace(FULL, frame=np.float64(3.5), variant=np.int64(2), success_1dof=np.bool_(True))
-    assert read(record_to_json(odd) | {"seconds": 1}) == [replace(FULL, frame=3.5, seconds=1.0)]
+    odd = change(FULL, frame=np.float64(3.5), reversals=np.int64(2))
+    assert read(record_to_json(odd) | {"seconds": 1}) == [change(FULL, frame=3.5, seconds=1.0)]
 
 
 def test_texts_that_many_records_share_are_in_memory_once(tmp_path):
     machine = {"machine": "a processor, 2 cores"}
-    write_records(tmp_path / "records.jsonl", [replace(BLANK, sequence=name, **machine) for name in "ab"])
+    write_records(tmp_path / "records.jsonl", [change(BLANK, sequence=name, **machine) for name in "ab"])
     one, two = read_records(tmp_path)
-    assert one.machine is two.machine
-    assert not hasattr(one, "__dict__")
+    assert one.who.machine is two.who.machine
+    assert not any(hasattr(part, "__dict__") for part in (one, one.who, one.what, one.judgement))
 
 
 def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path):
@@ -71,16 +80,16 @@ def test_a_very_long_line_is_refused_before_it_fills_the_memory(tmp_path):
 
 
 def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
-    line = record_to_json(replace(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
+    line = record_to_json(change(FULL, time_to_focus_s=math.nan, trace=(1.0, math.inf)))
     assert (line["time_to_focus_s"], line["trace"]) == (None, [1.0, None])
     (back,) = read(line)
-    assert back.time_to_focus_s is None
-    assert back.trace[0] == 1
-    assert math.isnan(back.trace[1])
+    assert back.judgement.time_to_focus_s is None
+    assert back.judgement.trace[0] == 1
+    assert math.isnan(back.judgement.trace[1])
 
 
 LINE = record_to_json(FULL)
-ANOTHER = 'not a record of this version | allowed: "format": "saf-gen record 8" | '
+ANOTHER = 'not a record of this version | allowed: "format": "saf-gen record 9" | '
 
 
 @pytest.mark.parametrize(
@@ -89,8 +98,7 @@ ANOTHER = 'not a record of this version | allowed: "format": "saf-gen record 8" 
         (LINE | {"status": "lost"}, "status is 'lost' | answered, abstained, failed"),
         (LINE | {"track": "live"}, "track is 'live' | recorded, closed_loop"),
         (LINE | {"frames": True}, "frames is True | integer"),
-        (LINE | {"error": "0.1"}, "error is '0.1' | number"),
-        (LINE | {"success_1dof": 1}, "success_1dof is 1 | boolean"),
+        (LINE | {"position": "0.1"}, "position is '0.1' | number"),
         (LINE | {"trace": [1, "x"]}, "trace.1 is 'x' | number"),
         (LINE | {"method": None}, "method is None | string"),
         (LINE | {"frames": 0}, "frames is 0 | 1"),
@@ -125,41 +133,43 @@ def test_a_line_that_is_no_record_is_refused_with_what_to_do(read, line, words):
     ],
 )
 def test_whether_the_code_of_a_method_broke(status, note, broke):
-    assert replace(BLANK, status=status, note=note).broke == broke
+    assert change(BLANK, status=status, note=note).broke == broke
 
 
-ABSTAINED = {"status": "abstained", "frame": None, "time_to_focus_s": None} | dict.fromkeys(
-    ("position", "error", "error_frames", "error_dof", "blur_px")
-)
+def test_no_two_parts_have_a_key_in_common():
+    names = [f.name for part in PARTS for f in fields(part)]
+    assert len(names) == len(set(names))
+    assert list(LINE) == ["format", *names, *FOLLOWING]
+
+
+ABSTAINED = {"status": "abstained", "frame": None, "position": None}
 
 
 @pytest.mark.parametrize(
-    ("change", "problem", "allowed"),
+    ("values", "problem", "allowed"),
     [
         ({"frames_seen": 801}, "frames_seen is 801 of 800 frames", "0 to 800"),
-        ({"error_dof": 50.0}, "error_dof is 50, but success is True, True, True", "False, False, False"),
-        ({"error_dof": -0.7}, "error_dof is -0.7, but success is True, True, True", "False, True, True"),
-        ({"success_1dof": None}, "success is known within some limits", "all three, or null in all"),
-        ({"status": "failed"}, "failed, but position is 0.5", "null if there is no answer"),
-        ({**ABSTAINED, "status": "failed"}, "failed, but success is true", "null if the truth is unknown"),
-        ({**ABSTAINED, "error_dof": 0.0}, "abstained, but error_dof is 0", "null if there is no answer"),
-        ({**ABSTAINED, "success_half_dof": False}, "abstained, right within a larger limit", "the smaller, too"),
+        ({"status": "failed"}, "failed, but position is 0", "null if there is no answer"),
+        ({**ABSTAINED, "time_to_focus_s": 0.1}, "abstained, but time_to_focus_s is 0.1", "null if there is no answer"),
         ({**ABSTAINED, "frame": 3.0}, "abstained, but frame is 3.0", "a frame if there is an answer"),
         ({"frame": None}, "answered, but frame is None", "a frame if there is an answer"),
         ({"frame": 900.0}, "frame is 900 of 800 frames", "-0.5 to 800"),
-        ({"truth": None}, "error is 0, but truth is null", "null if the truth is unknown"),
-        ({"error": None}, "error_dof or blur_px is given, but error is null", "null in all three"),
-        ({"error_dof": None}, "success is true, but error_dof is null", "success false or null"),
         ({"focus_place": 0.5, "focus_off_dof": 1.5}, "but the lens stays 1.5 DoF away", "null beyond 1 DoF"),
-        ({**ABSTAINED, "focus_off_dof": 1.5}, "abstained 1.5 DoF from the focus, but suc", "True, True, False"),
+        ({"obstacle": "no spikes"}, "answered in a recording of no spikes", "no answer"),
     ],
 )
-def test_a_record_that_contradicts_itself_is_refused_with_its_line(read, change, problem, allowed):
-    error = refusal(read, record_to_json(BLANK), record_to_json(replace(BLANK, **change)))
+def test_a_record_that_contradicts_itself_is_refused_with_its_line(read, values, problem, allowed):
+    error = refusal(read, record_to_json(BLANK), record_to_json(change(BLANK, **values)))
     assert error.where.endswith("records.jsonl:2")
     assert "contradicts itself" in error.problem
     assert problem in error.problem
     assert allowed in error.allowed
+
+
+@pytest.mark.parametrize(("key", "value"), [("error", 0.25), ("error_dof", 1.0), ("error_dof", None), ("error", "0")])
+def test_an_error_that_does_not_follow_from_the_answer_is_refused(read, key, value):
+    error = refusal(read, record_to_json(BLANK) | {key: value})
+    assert_says(error, f"the record contradicts itself: {key} is {value} | 0.0, which follows")
 
 
 @pytest.mark.parametrize(
@@ -176,10 +186,10 @@ def test_whatever_the_recorded_track_writes_is_read_back(tmp_path, peak, known):
         )
     )
     records = evaluate(tmp_path / "a.h5", methods=["sd+argmax"], predictions=tmp_path / "p.jsonl").records
-    assert {r.status for r in records} == {"answered", "abstained", "failed"}
+    assert {r.judgement.status for r in records} == {"answered", "abstained", "failed"}
     (tmp_path / "records.jsonl").write_text(format_records(records))
     assert read_records(tmp_path) == list(records)
-    right = {r.method: (r.success_half_dof, r.success_1dof, r.success_2dof) for r in records}["m0"]
+    right = {r.who.method: tuple(map(r.success, SUCCESS_LIMITS_DOF)) for r in records}["m0"]
     expected = {300.0: (False, False, False), -400.0: (True, True, True), -40.0: (True, False, False)}
     assert right == (expected[peak] if known else (None, None, None))
 
@@ -193,15 +203,13 @@ def test_whatever_the_closed_loop_judges_is_read_back(read):
         path = random.uniform(0, 1, 80)
         answer = Answer(position=float(path[-1])) if random.random() < 0.6 else Answer()
         problem = "the budget was spent" if random.random() < 0.2 else ""
-        run = ClosedLoopRun(answer, problem, int(random.integers(0, 81)), path, 80, 3, 0.1, tuple(path[:5]))
-        verdict = judge_run(run, Truth(position=best, depth_of_focus=(best - half, best + half)), readout_hz=20_000)
-        none = dict.fromkeys(
-            ("position", "error", "error_frames", "error_dof", "blur_px", "time_to_focus_s", "truth_frame")
-        )
-        frames = {"frame": None if problem else float(run.answer_frame), "frames": 80, "frames_seen": run.answer_frame}
-        record = replace(BLANK, track="closed_loop", **{**none, **frames, **verdict})
+        done, sent = int(random.integers(0, 81)), tuple(path[:5])
+        run = Run(answer, problem, path, frames_seen=done, windows=3, seconds=0.1, commands=sent)
+        truth = Truth(position=best, depth_of_focus=(best - half, best + half))
+        what = replace(BLANK.what, track="closed_loop", frames=80)
+        record = Record(BLANK.who, what, judge(run, truth, end_s=lambda frames: frames / 20_000))
         records.append(record)
-        seen.add((record.status, record.success_half_dof, record.success_2dof))
+        seen.add((record.judgement.status, record.success(0.5), record.success(2)))
     assert len(seen) >= 10
     assert read(*map(record_to_json, records)) == records
 
@@ -240,7 +248,7 @@ def test_a_damaged_file_is_one_line_that_names_the_place(read, text, line, probl
 
 @pytest.mark.parametrize("note", ["a\u2028b", "a\r\nb", "a\nb"])
 def test_a_note_may_contain_line_separators(tmp_path, note):
-    records = [replace(BLANK, note=note), FULL]
+    records = [change(BLANK, note=note), FULL]
     (tmp_path / "records.jsonl").write_bytes(format_records(records).encode())
     assert read_records(tmp_path) == records
 

@@ -212,7 +212,7 @@ def test_a_resumed_evaluation_equals_a_fresh_one(change, mine, dataset, monkeypa
     close(spec)
     assert kept.reused == reused
     assert rows(resumed) == rows(fresh)
-    assert {record.status for record in fresh.records} == {"answered"}
+    assert {record.judgement.status for record in fresh.records} == {"answered"}
 
 
 def test_code_does_not_cover_what_is_read_only_in_a_call(mine, dataset):

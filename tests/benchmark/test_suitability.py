@@ -104,4 +104,4 @@ def test_a_method_of_others_is_refused_for_what_it_uses_of_ours(mine, recording,
 def test_other_methods_of_others_take_every_camera(mine):
     for recording in ("photons.h5", "events.h5"):
         (record,) = evaluate(mine / recording, methods=["sd+mine.py:Middle"]).records
-        assert (record.frame, record.note) == (80.0, "")
+        assert (record.judgement.frame, record.judgement.note) == (80.0, "")

@@ -2,17 +2,18 @@
 
 import hashlib
 import json
-from dataclasses import fields
+from dataclasses import replace
 from numbers import Number
 from pathlib import Path
 
 import numpy as np
+from handmade_records import BLANK
 
 from saf_gen import write_stream
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.gym.episode import Episode
 from saf_gen.benchmark.method_spec import parse_method
-from saf_gen.benchmark.records import KEYS_WHERE_KNOWN, Record
+from saf_gen.benchmark.records import Record, Who, record_to_json
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -67,9 +68,8 @@ def digest(values: object) -> str:
 def numbers(records: list[Record]) -> list[dict[str, object]]:
     """Return the fields of records that depend only on the evaluator, not on times, code, versions or the file."""
     left_out = {*"seconds note data code machine limits failed_check parameters rig".split()}
-    left_out |= {"grain_rms", "grain_of_curve", "sensor", "benchmark", *KEYS_WHERE_KNOWN}
-    names = [f.name for f in fields(Record) if f.name not in left_out]
-    return [{name: getattr(record, name) for name in names} for record in records]
+    left_out |= {"format", "grain_rms", "grain_of_curve", "sensor", "benchmark", "operations", "reference_rate"}
+    return [{key: x for key, x in record_to_json(record).items() if key not in left_out} for record in records]
 
 
 def write_recording(path: Path) -> None:
@@ -138,8 +138,8 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured(), method, protocol=protocol)
-            known = {"method": method.name, "code": "", "parameters": "", "obstacle": None}
-            records.append(sequence.make_record(run, protocol, known=known))
+            who = Who(method.name, "", "target")
+            records.append(sequence.make_record(who, replace(BLANK.what, track="closed_loop"), run))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 

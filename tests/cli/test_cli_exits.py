@@ -81,8 +81,8 @@ def only_error(err):
 
 def assert_good_rows_stand(records, calls):
     """Assert that three records of ``sd+argmax`` have answers, and that all others have failed, with this note."""
-    assert [record.status for record in records if record.method == "sd+argmax"] == ["answered"] * 3
-    bad = {(record.status, record.note) for record in records if record.method != "sd+argmax"}
+    assert [record.judgement.status for record in records if record.who.method == "sd+argmax"] == ["answered"] * 3
+    bad = {(record.judgement.status, record.judgement.note) for record in records if record.who.method != "sd+argmax"}
     assert bad == {("failed", f"CodeStopped: its code called {calls}")}
 
 
@@ -171,7 +171,7 @@ def test_a_method_whose_code_breaks_is_one_line_and_exit_code_1(
     count = len(records) // 3
     assert (code, printed.count(" sd+argmax ")) == (1, 1)
     assert err.splitlines() == [f"saf-gen: {name} failed on {count} of {count} sequences: {reason}" for name in broken]
-    assert {record.status for record in records if record.method == "sd+argmax"} == {"answered"}
+    assert {record.judgement.status for record in records if record.who.method == "sd+argmax"} == {"answered"}
 
 
 def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_path, write_parts):
@@ -194,7 +194,10 @@ def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, swee
     methods = [f"--method=sd+{mine}:{name}" for name in searches]
     code, _, err = call("evaluate", sweeps, *methods, "--out", tmp_path / "out")
     assert (code, err) == (0, "")
-    found = {record.method.split(":")[-1]: record.status for record in read_records(tmp_path / "out/records.jsonl")}
+    found = {
+        record.who.method.split(":")[-1]: record.judgement.status
+        for record in read_records(tmp_path / "out/records.jsonl")
+    }
     assert found == {name: "abstained" if name == "abstains" else "failed" for name in searches}
 
 

@@ -58,19 +58,18 @@ def runs(evaluated, tmp_path):
 
 
 def test_records_state_light_motion_and_method(runs):
-    by_light = {r.light: r for r in read_records(runs[0])}
+    by_light = {r.what.light: r for r in read_records(runs[0])}
     for record in by_light.values():
-        described = (record.track, record.variant, record.scene_motion, record.lens_motion)
-        assert described == ("recorded", 1, "static", "sweep")
-        assert record.time_to_focus_s == record.frames_seen / 20_000
-        assert record.reversals is None
-        assert "cores" in record.machine
-    assert by_light["constant"].light_ratio == 1
-    assert by_light["constant"].mean_rate == pytest.approx(0.25, rel=0.02)
-    assert by_light["constant"].truth_first == pytest.approx(300 / 799)
-    assert by_light["ramp"].light_ratio == pytest.approx(4)
-    assert by_light["ramp"].mean_rate == pytest.approx(0.25 * 1.25, rel=0.02)
-    (parameters,) = {r.parameters for r in read_records(runs[1])}
+        described = (record.what.track, record.what.scene_motion, record.what.lens_motion)
+        assert described == ("recorded", "static", "sweep")
+        assert record.judgement.time_to_focus_s == record.judgement.frames_seen / 20_000
+        assert record.judgement.reversals is None
+        assert "cores" in record.who.machine
+    assert by_light["constant"].what.light_ratio == 1
+    assert by_light["constant"].what.mean_rate == pytest.approx(0.25, rel=0.02)
+    assert by_light["ramp"].what.light_ratio == pytest.approx(4)
+    assert by_light["ramp"].what.mean_rate == pytest.approx(0.25 * 1.25, rel=0.02)
+    (parameters,) = {r.who.parameters for r in read_records(runs[1])}
     assert "sd_code" not in parameters  # measure and search are stated with every option
     assert parameters.endswith(")")
     assert " + " in parameters
@@ -134,7 +133,7 @@ def test_merging_replaces_what_was_merged_before(call, evaluated, runs, tmp_path
     code, printed, _ = call("leaderboard", "merge", runs[0], "--out", out)
     assert code == 0
     assert printed.splitlines()[-1] == "replaced the earlier evaluation of 3 methods"
-    assert len({r.method for r in read_records(out)}) == 2
+    assert len({r.who.method for r in read_records(out)}) == 2
 
 
 @pytest.mark.parametrize("name", ["focus/position", "truth/track"])
@@ -157,7 +156,7 @@ def test_a_stream_made_elsewhere_with_gaps_is_evaluated_with_what_is_known(call,
     assert (row["rank"], row["answerable_1dof"], row["median_error_dof"]) == (None, None, None)
     assert (row["lens_travel"] is None) == (name == "focus/position")
     (held,) = read_records(tmp_path / "gaps-evaluation")
-    assert (held.error, held.success_1dof) == (None, None)
+    assert (held.judgement.error, held.success()) == (None, None)
 
 
 def interrupted(*_, **__):

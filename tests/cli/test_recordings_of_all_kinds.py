@@ -115,7 +115,7 @@ def test_a_folder_of_any_kind_becomes_a_dataset_that_is_intact_and_evaluated(kin
     code, _, error = call(*command, "--out", tmp_path / "judged")
     assert code == 0, error
     records = list(read_records(tmp_path / "judged"))
-    assert {record.status for record in records} == {"answered"}
+    assert {record.judgement.status for record in records} == {"answered"}
     assert len(records) == 2
 
 

@@ -86,7 +86,7 @@ def test_what_is_ranked_is_the_first_line(call, make, tmp_path, splits, options,
     else:
         assert (code, err) == (0, "")
         assert out.splitlines()[0] == line
-        assert {r.split for r in read_records(tmp_path / "out")} == ranked
+        assert {r.what.split for r in read_records(tmp_path / "out")} == ranked
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_folder_of_streams_is_ranked_by_the_same_rules(call, tmp_path, files, 
     assert out.splitlines()[0].endswith(f"next: saf-gen evaluate {tmp_path / 'own'}{following}")
     code, out, _ = call("evaluate", tmp_path / "own", *METHOD)
     assert code == (0 if ranked else 2)
-    assert ranked is None or {r.split for r in read_records(tmp_path / "own/evaluation")} == ranked
+    assert ranked is None or {r.what.split for r in read_records(tmp_path / "own/evaluation")} == ranked
 
 
 def test_a_single_stream_belongs_to_no_split(call, tmp_path):
@@ -150,7 +150,7 @@ def test_an_evaluation_that_replaces_one_of_other_splits_reports_them(call, make
     assert call(*command, "--split", "all")[0] == 0
     last = call(*command)[1].splitlines()[-1]
     assert last == "replaced the earlier evaluation of 1 method on test and train"
-    assert {r.split for r in read_records(tmp_path / "out")} == {"test"}
+    assert {r.what.split for r in read_records(tmp_path / "out")} == {"test"}
     assert call(*command)[1].splitlines()[-1] == "replaced the earlier evaluation of 1 method"
 
 
@@ -170,7 +170,7 @@ def test_a_stopped_evaluation_of_all_splits_goes_on_with_one(call, make, tmp_pat
     code, _, err = call(*command)
     assert code == 0
     assert err == "2 sequences of split train had been evaluated by a run that was stopped; not ranked now\n"
-    assert {r.split for r in read_records(tmp_path / "out")} == {"test"}
+    assert {r.what.split for r in read_records(tmp_path / "out")} == {"test"}
 
 
 def test_evaluations_of_different_splits_do_not_share_a_table(call, make, tmp_path):

@@ -103,10 +103,10 @@ def test_plain_code_runs_and_its_options_are_part_of_its_digest(plain, tmp_path)
     write_sweep(tmp_path / "a.h5", 300.0)
     methods = [f"{plain}:spread:power=2+argmax", f"{plain}:Contrast+{plain}:Middle:frames=51", f"sd+{plain}:last"]
     records = evaluate(tmp_path / "a.h5", methods=methods).records
-    assert [r.status for r in records] == ["answered"] * 3
-    assert abs(records[0].frame - 300) < 100
-    assert [r.frame for r in records[1:]] == [25.0, records[2].frames - 1]
-    assert records[0].parameters.startswith("spread(power=2, scale=2.0) + ")
+    assert [r.judgement.status for r in records] == ["answered"] * 3
+    assert abs(records[0].judgement.frame - 300) < 100
+    assert [r.judgement.frame for r in records[1:]] == [25.0, records[2].what.frames - 1]
+    assert records[0].who.parameters.startswith("spread(power=2, scale=2.0) + ")
     codes = {parse_method(f"{plain}:spread:power={power}+argmax").code for power in (1, 2)}
     assert len(codes) == 2
 
@@ -163,7 +163,7 @@ assert {"brightest", "brightest_n", "agreement"} <= set(measure_names())
 assert (get_measure("agreement").halves, get_measure("agreement").source) == (True, "nobody")
 write_sweep(Path("a.h5"), 300.0)
 records = evaluate("a.h5", methods=["brightest+argmax", "agreement+argmax"]).records
-assert [r.status for r in records] == ["answered"] * 2
+assert [r.judgement.status for r in records] == ["answered"] * 2
 
 
 @saf_gen.measure

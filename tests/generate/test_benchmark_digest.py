@@ -78,7 +78,7 @@ def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(
     with open_stream(next((tmp_path / "data/test").glob("*.h5"))) as stream:
         assert stream.metadata.provenance["benchmark"] == f"small {frozen_small}"
     records = evaluate(tmp_path / "data", methods=["sd+argmax"]).records
-    assert {record.benchmark for record in records} == {label}
+    assert {record.what.benchmark for record in records} == {label}
     assert f"The benchmark is {label}: 2 of 3 sequences of test." in notes_on(rank_methods(records), records)
 
 

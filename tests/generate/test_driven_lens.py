@@ -175,12 +175,14 @@ def test_a_recipe_with_a_piezo_is_ranked_by_where_its_lens_was(tmp_path, monkeyp
     records = evaluate(made.folder, methods=["sd+argmax:window=20"], draw=False).records
     assert len(records) == 2
     for record in records:
-        with saf_gen.open_stream(made.folder / "test" / f"{record.sequence}.h5") as stream:
+        with saf_gen.open_stream(made.folder / "test" / f"{record.what.sequence}.h5") as stream:
             log, did, truth = stream.focus_position, stream.truth.lens, stream.truth
             assert "hysteresis: 0.13" in stream.metadata.provenance["actuator"]
         assert 0.03 < np.abs(did - log).max() < 0.12  # it rings, too
-        best = truth.position if truth.track is None else np.interp(record.frame, np.arange(400), truth.track)
-        assert record.position == pytest.approx(np.interp(record.frame, np.arange(400), did), abs=1e-9)
-        assert record.error == pytest.approx(record.position - best, abs=1e-9)
+        best = truth.position if truth.track is None else np.interp(record.judgement.frame, np.arange(400), truth.track)
+        assert record.judgement.position == pytest.approx(
+            np.interp(record.judgement.frame, np.arange(400), did), abs=1e-9
+        )
+        assert record.judgement.error == pytest.approx(record.judgement.position - best, abs=1e-9)
     again = generate(resolve_recipe(tmp_path / "small.yaml"), tmp_path / "made", variant=VARIANT)
     assert (again.recorded, again.kept) == ([], ["plane-constant-00", "plane-dynamic-constant-00"])

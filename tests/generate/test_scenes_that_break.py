@@ -9,18 +9,21 @@ from saf_gen.core.execution import silence
 
 FAILS = {
     "exits": ("import sys; sys.exit(3)", "called exit(3)"),
-    "ends_itself": ("import os; os._exit(0)", "died twice during its build (it ended itself with exit code 0)"),
-    "reads_nothing": ("import ctypes; ctypes.string_at(0)", "died twice during its build (Segmentation fault)"),
-    "aborts": ("import os; os.abort()", "died twice during its build (Aborted)"),
+    "ends_itself": ("import os; os._exit(0)", "died twice during its build (it ended with exit code 0)"),
+    "reads_nothing": (
+        "import ctypes; ctypes.string_at(0)",
+        "died twice during its build (it was ended by signal 11 (SIGSEGV))",
+    ),
+    "aborts": ("import os; os.abort()", "died twice during its build (it was ended by signal 6 (SIGABRT))"),
     "is_terminated": (
         "import os, signal; os.kill(os.getpid(), signal.SIGTERM)",
-        "died twice during its build (Terminated)",
+        "died twice during its build (it was ended by signal 15 (SIGTERM))",
     ),
     "is_killed": (
         "import os, signal; os.kill(os.getpid(), signal.SIGKILL)",
-        "died twice during its build (killed, or out of memory?)",
+        "died twice during its build (it was ended by signal 9 (SIGKILL, as where memory runs out))",
     ),
-    "closes_all": ("import os; os.closerange(0, 256)", "died twice during its build (its code closed the pipe"),
+    "closes_all": ("import os; os.closerange(0, 256)", "died twice during its build (it closed its line"),
     "stops_a_generator": ("raise GeneratorExit", "raised GeneratorExit"),
     "raises_its_own": ("class Mine(BaseException): pass\n    raise Mine('!')", "raised Mine: !"),
     "interrupts": ("raise KeyboardInterrupt", "KeyboardInterrupt"),

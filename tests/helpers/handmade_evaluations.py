@@ -103,7 +103,7 @@ def make_records(*, seed=5):
                 "windows": int(random.integers(1, 99)),
                 "time_to_focus_s": 0.4,
             }
-            more |= {"blur_px": 2 * abs(error), "frames_seen": int(random.integers(100, 800)), "trace": trace}
+            more |= {"frames_seen": int(random.integers(100, 800)), "trace": trace}
             records.append(record(method, sequence, error, **fields, **more))
     return records
 

@@ -1,33 +1,40 @@
 """Records made by hand, for tests of the leaderboard, its figures and its page."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import Judgement, Record, What, Who
 
 BLANK = Record(
-    method="sd+argmax", sequence="s0", split="test", scene="camel", light="constant", status="answered",
-    position=0.5, frame=400.0, truth=0.5, truth_frame=400.0, error=0.0, error_frames=0.0, error_dof=0.0, blur_px=0.0,
-    success_half_dof=True, success_1dof=True, success_2dof=True, trace=(), frames=800, frames_seen=800,
-    lens_travel=1.5, windows=8, seconds=0.25, note="", region="target", data="d0", code="c0", rig="r0",
+    Who("sd+argmax", "c0", "target"),
+    What("s0", split="test", scene="camel", light="constant", frames=800, data="d0", rig="r0", focus_off_dof=0.0),
+    Judgement(
+        "answered", 800, position=0.0, frame=400.0, truth=0.0, truth_frame=400.0, depth_of_focus=0.125, lens_travel=1.5,
+        windows=8, seconds=0.25,
+    ),
 )  # fmt: skip
 
 
+def change(record, **values):
+    """Return a record with other values, by their keys in a line of ``records.jsonl``."""
+    for name in ("who", "what", "judgement"):
+        part = getattr(record, name)
+        own = {f.name: values.pop(f.name) for f in fields(part) if f.name in values}
+        record = replace(record, **{name: replace(part, **own)})
+    assert not values, f"no keys of a record: {values}"
+    return record
+
+
 def record(method, sequence, error_dof, *, scene="camel", light="constant", **more):
-    """Return an answer ``error_dof`` from the truth; a depth of focus is a tenth of the travel, or 80 frames."""
-    within = [None if error_dof is None else abs(error_dof) <= limit for limit in (0.5, 1, 2)]
-    plain = {
-        "error_dof": error_dof,
-        "error": None if error_dof is None else error_dof / 10,
-        "error_frames": None if error_dof is None else error_dof * 80,
-        "success_half_dof": within[0],
-        "success_1dof": within[1],
-        "success_2dof": within[2],
-        "data": f"sha-{sequence}",
-        "code": f"code-{method}",
-    }
-    return replace(BLANK, method=method, sequence=sequence, scene=scene, light=light, **{**plain, **more})
+    """Return an answer ``error_dof`` from the truth, exactly; None means that the truth is unknown.
+
+    A depth of focus is an eighth of the travel, or 100 frames.
+    """
+    error = error_dof or 0.0
+    plain = {"position": error / 8, "frame": 400.0 + 100 * error, "data": f"sha-{sequence}", "code": f"code-{method}"}
+    plain |= {"truth": None, "truth_frame": None} if error_dof is None else {}
+    return change(BLANK, method=method, sequence=sequence, scene=scene, light=light, **{**plain, **more})
 
 
 def failed(method, sequence, status, **more):
-    no_success = dict.fromkeys(("success_half_dof", "success_1dof", "success_2dof"), False)
-    return replace(record(method, sequence, None, **more), status=status, frame=None, position=None, **no_success)
+    """Return a failure or an abstention, which is wrong, because the lens came to the focus."""
+    return change(record(method, sequence, 0.0, **more), status=status, frame=None, position=None)

@@ -94,17 +94,17 @@ def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted
 
 
 @pytest.mark.parametrize(
-    ("place", "off", "bins"), [(0.5, None, ("middle",)), (1.0, 1.0, ("last 10 %",)), (None, 1.001, ("outside",))]
+    ("place", "off", "bins"), [(0.5, 0.0, ("middle",)), (1.0, 1.0, ("last 10 %",)), (None, 1.001, ("outside",))]
 )
 def test_the_bin_of_the_focus_does_not_depend_on_the_answer(place, off, bins):
-    known = {"focus_place": place, "focus_off_dof": off, "truth_first": 0.3}
+    known = {"focus_place": place, "focus_off_dof": off}
     for answered in (one(0, **known), one(0, 9.0, **known), failed("a+s", "s0", "abstained", **known)):
         assert names(axis([answered], "focus_position")) == bins
 
 
 def test_an_unknown_focus_has_no_bin():
     known = one(0, focus_place=0.5)
-    some = [known, one(1, truth_first=0.5), one(2, focus_off_dof=0.5)]
+    some = [known, one(1, focus_off_dof=None), one(2, focus_off_dof=0.5)]
     assert sequences(axis(some, "focus_position")) == (1,)
 
 

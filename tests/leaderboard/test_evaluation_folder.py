@@ -81,7 +81,7 @@ def test_each_selection_of_sequences_is_ranked_once(tmp_path, monkeypatch):
     for module in (ranking, board):
         monkeypatch.setattr(module, "rank", lambda by_method, found: ranked.append(found) or rank(by_method, found))
     write(tmp_path, make_evaluation())
-    sequences = [tuple(record.sequence for record in found.sequences) for found in ranked]
+    sequences = [tuple(record.what.sequence for record in found.sequences) for found in ranked]
     assert len(sequences) == len(set(sequences)) > 10
 
 
@@ -97,7 +97,7 @@ def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_of_it(t
     written = write(tmp_path, of_one_method("fan"))
     assert written.replaced == "replaced the earlier evaluation of 2 methods"
     assert held(tmp_path) == TABLES | foreign
-    assert {r.method for r in read_records(tmp_path)} == {"sd+egs_code"}
+    assert {r.who.method for r in read_records(tmp_path)} == {"sd+egs_code"}
 
 
 def test_an_evaluation_that_cannot_be_read_is_replaced_with_a_notice(tmp_path):
@@ -158,12 +158,12 @@ def test_a_killed_run_leaves_the_earlier_evaluation_or_the_complete_new_one(tmp_
             going_on = killed_at(
                 step, monkeypatch, lambda part=part, final=final: evaluation_folder._publish(part, final)
             )
-            which = {frozenset(r.method for r in read_records(final))}
+            which = {frozenset(r.who.method for r in read_records(final))}
             assert which <= set(map(frozenset, methods.values()))
             killed_at(again, monkeypatch, partial(evaluation_folder._finish_publishing, final))
             evaluation_folder._finish_publishing(final)
             (found,) = (name for name in methods if {frozenset(methods[name])} == which)
-            assert {r.method for r in read_records(final)} == methods[found]
+            assert {r.who.method for r in read_records(final)} == methods[found]
             assert {name for name in held(final) if ".evaluation." not in name} == complete[found]
             seen.add(found)
         step += 1

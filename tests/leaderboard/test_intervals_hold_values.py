@@ -96,7 +96,7 @@ def test_the_interval_of_a_rate_contains_the_mean_over_scenes_of_any_sizes():
 def draw_answer(random, method, sequence, *, kind, **more):
     chance = random.random()
     if chance < 0.15:
-        return failed(method, sequence, "failed" if chance < 0.1 else "abstained", blur_px=None, **more)
+        return failed(method, sequence, "failed" if chance < 0.1 else "abstained", **more)
     error = {
         "any": 3 * random.random(),
         "ties": random.integers(0, 4) / 2,
@@ -120,7 +120,7 @@ def draw_records(random, kind, *, agree=True):
         for i, scene in enumerate(scenes):
             more = {"scene": f"scene{scene}", "light": "ab"[lights[i]]}
             if unknown[i]:
-                made.append(record(method, f"q{i}", None, blur_px=None, **more))
+                made.append(record(method, f"q{i}", None, **more))
             elif kind == "all right":
                 made.append(record(method, f"q{i}", 0.5, **more))
             else:
@@ -180,7 +180,7 @@ def test_every_interval_of_the_leaderboard_contains_its_value_or_is_missing(kind
         rows = rank_methods(records)
         known = check_rows(rows)
         check_comparison(records)
-        if agree and len({r.scene for r in records if r.success_1dof is not None}) >= MIN_SCENES:
+        if agree and len({r.what.scene for r in records if r.success() is not None}) >= MIN_SCENES:
             assert all({"rank_best", "behind_best_low", "answerable_1dof_low"} <= names for names in known)
 
 

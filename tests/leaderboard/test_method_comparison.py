@@ -1,10 +1,9 @@
 import csv
 import json
-from dataclasses import replace
 
 import pytest
 from handmade_evaluations import board_of, write_board
-from handmade_records import failed, record
+from handmade_records import change, failed, record
 
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.ranking import ERROR_LIMITS_DOF
@@ -52,7 +51,7 @@ def test_a_profile_is_the_success_rate_where_success_is_counted_and_has_its_inte
 
 
 def test_an_abstention_is_within_no_limit_where_there_is_an_answer():
-    records = [replace(r, focus_off_dof=0.8, success_half_dof=True) for r in board({"silent+s": lambda s, i: None})]
+    records = [change(r, focus_off_dof=0.8) for r in board({"silent+s": lambda s, i: None})]
     (profile,) = compare([*records]).profiles
     assert set(profile.fractions) == {0}
 
@@ -73,7 +72,7 @@ def test_the_probability_of_improvement_compares_sequence_by_sequence_and_halves
 
 def test_no_answer_is_farther_than_any_and_sequences_without_one_compare_nobody():
     records = board({"a+s": lambda s, i: 50.0, "b+s": lambda s, i: None})
-    without = [replace(r, sequence=f"{r.sequence}-out", focus_off_dof=2.0) for r in records]
+    without = [change(r, sequence=f"{r.what.sequence}-out", focus_off_dof=2.0) for r in records]
     for some in (records, [*records, *without]):
         (pair,) = compare(some).neighbours
         assert (pair.first, pair.second, pair.improvement) == ("a+s", "b+s", 1)
@@ -81,9 +80,11 @@ def test_no_answer_is_farther_than_any_and_sequences_without_one_compare_nobody(
 
 
 def test_times_have_a_profile_in_the_closed_loop_alone():
-    quick = [replace(r, time_to_focus_s=0.1 + 0.01 * int(r.scene[-2:])) for r in board({"a+s": lambda s, i: 0.1 * i})]
+    quick = [
+        change(r, time_to_focus_s=0.1 + 0.01 * int(r.what.scene[-2:])) for r in board({"a+s": lambda s, i: 0.1 * i})
+    ]
     assert {p.quantity for p in compare(quick).profiles} == {"error_dof"}
-    loop = [replace(r, track="closed_loop") for r in quick]
+    loop = [change(r, track="closed_loop") for r in quick]
     (profile,) = (p for p in compare(loop).profiles if p.quantity == "time_s")
     assert profile.limits[-1] == pytest.approx(0.21)
     assert profile.fractions[-1] == 1
@@ -98,7 +99,7 @@ def test_with_two_scenes_there_are_fractions_without_intervals_and_alone_no_neig
     alone = compare(board({"a+s": lambda s, i: 0.1}))
     assert (len(alone.profiles), alone.neighbours) == (1, ())
     unknown = board({"a+s": lambda s, i: 0.1})
-    assert compare([record("a+s", r.sequence, None) for r in unknown]).profiles == ()
+    assert compare([record("a+s", r.what.sequence, None) for r in unknown]).profiles == ()
 
 
 def test_the_files_hold_profiles_and_neighbours(tmp_path):

@@ -159,8 +159,8 @@ def test_a_selection_shows_the_rows_that_python_ranked_and_stays_sorted(ask):
       return { whole, ramp, said, train, sorted, still, again: read(), all: status() };
     """)
     assert answer["whole"] == answer["again"] == python_rows()  # a reset also clears the order
-    assert answer["ramp"] == python_rows(lambda r: r.light == "ramp")
-    assert answer["train"] == python_rows(lambda r: r.split == "train")
+    assert answer["ramp"] == python_rows(lambda r: r.what.light == "ramp")
+    assert answer["train"] == python_rows(lambda r: r.what.split == "train")
     assert (answer["said"], answer["all"]) == (
         "4 of 4 methods, 6 of 12 sequences.",
         "4 of 4 methods, 12 of 12 sequences.",
@@ -196,11 +196,11 @@ def test_single_answers_follow_what_is_shown_and_a_methods_name_lists_its_own(as
       return { all, some, said, own, whose, open, notes, first: read()[0][2] };
     """)
     records = make_records()
-    kept = [r for r in records if r.split == "train" and r.method.startswith("sd+")]
-    own = [r for r in kept if r.method == answer["first"]]
+    kept = [r for r in records if r.what.split == "train" and r.who.method.startswith("sd+")]
+    own = [r for r in kept if r.who.method == answer["first"]]
     assert len(answer["all"]) == len(records)
     for shown, expected in ((answer["some"], kept), (answer["own"], own)):
-        assert sorted(line[:2] for line in shown) == sorted([r.method, r.sequence] for r in expected)
+        assert sorted(line[:2] for line in shown) == sorted([r.who.method, r.what.sequence] for r in expected)
         assert all([records[int(line[7]) - 1].method, records[int(line[7]) - 1].note] == line[::8] for line in shown)
     assert answer["said"] == f"{len(kept)} answers, the worst first."
     assert answer["whose"].startswith(f"{len(own)} answers of {answer['first']}, the worst first.")

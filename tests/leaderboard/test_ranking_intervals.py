@@ -170,7 +170,7 @@ def test_outcomes_weigh_the_lights_of_a_scene_alike_and_count_what_is_no_answer(
         failed("m", "b0", "abstained", scene="b"),
         record("m", "c0", None, scene="c"),
     ]
-    found = collect_outcomes({"m": own, "unknown": [record("unknown", r.sequence, None) for r in own]})
+    found = collect_outcomes({"m": own, "unknown": [record("unknown", r.what.sequence, None) for r in own]})
     assert (found.methods, found.scenes, found.counts.tolist()) == (("m",), ("a", "b"), [4, 1])
     assert found.average_by_scene(found.success)[0] == pytest.approx([0.5, 0])
     assert np.isnan(found.errors[0]).tolist() == [False] * 4 + [True]

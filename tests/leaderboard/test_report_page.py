@@ -238,7 +238,7 @@ def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
     everything = {"body": 0, "sequences": list(range(12))}
     for chosen in [everything, *data["selections"]]:
         sequences = {data["sequences"][number] for number in chosen["sequences"]}
-        rows = rank_methods([r for r in records if r.sequence in sequences])
+        rows = rank_methods([r for r in records if r.what.sequence in sequences])
         assert bodies[chosen["body"]] == [[c.text(row) for c in shown] for row in rows]
     assert len(bodies) == len({tuple(c["sequences"]) for c in [everything, *data["selections"]]})
     assert text.count("<tbody hidden>") == len(bodies) - 1
@@ -268,10 +268,10 @@ def make_many(sequences, *, scenes=4):
 def test_of_many_answers_the_page_holds_the_worst_of_each_method_and_of_all():
     held = choose_answers(make_many(400), max_answers=60)
     assert held.total == 400
-    answers = {(one.record.method, one.record.sequence) for one in held.answers}
+    answers = {(one.record.who.method, one.record.what.sequence) for one in held.answers}
     assert answers == {("a+s", f"s{i}") for i in range(300, 400)} | {("b+s", f"s{i}") for i in range(370, 400)}
     assert held.sequences == tuple(f"s{i}" for i in range(300, 400))
-    sizes = [abs(one.record.error_dof) for one in held.answers]
+    sizes = [abs(one.record.judgement.error_dof) for one in held.answers]
     assert sizes == sorted(sizes, reverse=True)
     assert len(choose_answers(make_many(50), max_answers=100).answers) == 100
 
@@ -319,7 +319,7 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
         record("sd+hill_climb", "camel-constant", 0.1, track="closed_loop", terms="voice_coil, 200 ms"),
         record("er_count+hill_climb", "camel-constant", None, track="closed_loop", terms="voice_coil, 200 ms"),
     ]
-    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.method) for r in records))
+    made = Evaluation(tuple(records), (), (), tuple(make_lens_path(r.who.method) for r in records))
     write_evaluation(tmp_path, Leaderboard.of(made), title="loop")
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Path of the lens" in text
@@ -437,7 +437,7 @@ def test_the_headline_says_who_wins_or_that_the_scenes_cannot_say(right, scenes,
 def test_the_headline_counts_scenes_as_the_ranking_does():
     """Members and repeats of a scene are not scenes, however many there are."""
     records = [
-        record(method, f"x{member}", error, scene="x", variant=member)
+        record(method, f"x{member}", error, scene="x")
         for method, error in (("a+s", 0.0), ("b+s", 9.0))
         for member in range(5)
     ]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from handmade_records import change
 from planted_sweeps import SHAPE, list_streams, make_spikes, write_sweep
 from refusals import refusal
 
@@ -121,15 +122,15 @@ def test_the_objective_counts_answers_where_there_is_none_against_the_method(dat
     """Scene a: one right, one abstention where there is an answer. Scene b: a false answer, a right abstention, a
     right answer and one off by 3 depths of focus."""
     right = evaluate(dataset, methods=["sd+argmax:window=200"], split="test").records[0]
-    assert right.success_1dof is True
-    missed = replace(right, status="abstained", success_1dof=False)
-    false = replace(right, focus_off_dof=4.0, success_1dof=False, scene="b")
-    rightly_silent = replace(false, status="abstained", success_1dof=True)
-    records = [right, missed, false, rightly_silent, replace(right, scene="b")]
+    assert right.success() is True
+    missed = change(right, status="abstained")
+    false = change(right, focus_off_dof=4.0, scene="b")
+    rightly_silent = change(false, status="abstained")
+    records = [right, missed, false, rightly_silent, change(right, scene="b")]
     assert find_objective(records) == pytest.approx((1 / 2 + (-1 + 0 + 1) / 3) / 2)
-    off = replace(right, scene="b", success_1dof=False)
+    off = change(right, scene="b", position=right.judgement.position + 0.5)
     assert find_objective([*records, off]) == pytest.approx((1 / 2 + 0 / 4) / 2)
-    assert find_objective([replace(right, success_1dof=None)]) is None
+    assert find_objective([change(right, truth=None)]) is None
 
 
 def test_drawn_trials_are_published_with_what_was_maximised(dataset):
@@ -172,8 +173,8 @@ def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     assert (method.name, method.tuning) == ("sd+argmax:window=200", read_tuned(path)[1])
     result = evaluate(dataset, methods=[f"@{path}", "sd+argmax"], split="test")
     record = result.records[0]
-    assert record.tuning == method.tuning
-    assert record.method == tuned.method
+    assert record.who.tuning == method.tuning
+    assert record.who.method == tuned.method
     write_evaluation(tmp_path / "out", Leaderboard.of(result), title="tuned")
     document = json.loads((tmp_path / "out" / "leaderboard.json").read_text())
     assert document["tuning"] == {tuned.method: method.tuning}
@@ -215,8 +216,8 @@ def test_a_method_that_is_named_in_several_ways_runs_once(dataset, tmp_path):
     specs = [f"@{tmp_path}/a.json", f"@{tmp_path}/b.json", " sd + argmax : window = 200 ", "sd+argmax"]
     steps = []
     result = evaluate(dataset, methods=specs, split="test", progress=lambda *step: steps.append(step))
-    assert [r.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
-    assert result.records[0].tuning == read_tuned(tmp_path / "a.json")[1]
+    assert [r.who.method for r in result.records] == ["sd+argmax:window=200", "sd+argmax"]
+    assert result.records[0].who.tuning == read_tuned(tmp_path / "a.json")[1]
     assert [row.method for row in rank_methods(result.records)] == ["sd+argmax:window=200", "sd+argmax"]
     assert {of for _, of, _ in steps} == {2}
 

@@ -921,8 +921,8 @@ FAULTS = {
         "The sharpness that an answer loses is that of the squared curve.",
         (Change("stream.optima", "1 - here / best", "1 - (here / best) ** 2"),),
         (
-            "benchmark/test_beside_truth.py::test_the_sharpness_lost_at_an_answer_is_that_of_the_curve_without_noise",
-            "benchmark/test_beside_truth.py::test_a_record_states_the_sharpness_lost_where_it_is_known",
+            "benchmark/test_record_of_run.py::test_the_sharpness_lost_at_an_answer_is_that_of_the_curve_without_noise",
+            "benchmark/test_record_of_run.py::test_a_record_states_the_sharpness_lost_where_it_is_known",
         ),
     ),
 }

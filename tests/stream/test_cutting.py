@@ -61,9 +61,9 @@ def test_an_answer_in_a_part_has_the_error_of_the_whole(tmp_path):
     source = write(tmp_path / "a.h5")
     cut_stream(source, tmp_path / "b.h5", first=100, stop=700)
     (whole,), (part,) = (evaluate(tmp_path / f"{n}.h5", methods=["sd+argmax:window=100"]).records for n in "ab")
-    assert part.frame == whole.frame - 100
-    assert part.error == pytest.approx(whole.error, abs=1e-6)
-    assert part.truth_frame == pytest.approx(whole.truth_frame - 100)
+    assert part.judgement.frame == whole.judgement.frame - 100
+    assert part.judgement.error == pytest.approx(whole.judgement.error, abs=1e-6)
+    assert part.judgement.truth_frame == pytest.approx(whole.judgement.truth_frame - 100)
 
 
 def test_the_truth_of_a_moving_target_is_that_of_its_first_passing_in_the_part(tmp_path):

@@ -167,6 +167,6 @@ def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5")
     egs, sgfs = evaluate(tmp_path / "a.h5", methods=[f"{measure}+egs_code", f"{measure}+sgfs_code:dt=20"]).records
     view = LiteralView(tmp_path / "a.dat", LITERAL_MEASURES[measure])
-    assert list(egs.trace) == literal_egs(view, 1, 2_403)
-    assert list(sgfs.trace) == literal_sgfs(view, 20)
-    assert (egs.frame, sgfs.frame) == (egs.trace[-1] - 1, sgfs.trace[-1] - 1)
+    assert list(egs.judgement.trace) == literal_egs(view, 1, 2_403)
+    assert list(sgfs.judgement.trace) == literal_sgfs(view, 20)
+    assert (egs.judgement.frame, sgfs.judgement.frame) == (egs.judgement.trace[-1] - 1, sgfs.judgement.trace[-1] - 1)

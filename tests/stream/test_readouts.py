@@ -176,7 +176,7 @@ def test_time_to_focus_counts_lost_readouts(tmp_path):
         truth = {"position": float(lens[450]), "depth_of_focus": (0.6, 0.9), "frame": 450.0}
         write_stream(tmp_path / f"{name}.h5", SPIKES, focus_position=lens, readout=readout, truth=truth)
         (record,) = evaluate(tmp_path / f"{name}.h5", methods=["sd+argmax"]).records
-        seconds.append(record.time_to_focus_s)
+        seconds.append(record.judgement.time_to_focus_s)
     assert seconds == pytest.approx([600 / HZ, 700 / HZ])
 
 

@@ -1,9 +1,7 @@
 """The study of agreement between rankings, of one evaluation and of several."""
 
-from dataclasses import replace
-
 import pytest
-from handmade_records import record
+from handmade_records import change, record
 
 from saf_gen.benchmark.records import write_records
 from studies.ranking.agreement import agreement, main
@@ -38,8 +36,8 @@ def write(tmp_path):
 
 
 def test_regions_of_one_evaluation_and_of_two_compare_alike(write):
-    target, frame = board(), [replace(r, region="frame") for r in board(2)]
-    both = write("both", [*target, *(replace(r, method=f"{r.method}@frame") for r in frame)])
+    target, frame = board(), [change(r, region="frame") for r in board(2)]
+    both = write("both", [*target, *(change(r, method=f"{r.who.method}@frame") for r in frame)])
     (one,) = agreement([both], by="region")
     (two,) = agreement([write("target", target), write("frame", frame)], by="region")
     assert one == two
@@ -49,7 +47,7 @@ def test_regions_of_one_evaluation_and_of_two_compare_alike(write):
 
 def test_two_sensors_are_printed_and_nonsense_is_one_line(write, tmp_path, capsys):
     nominal = write("nominal", board(sensor="vidar_400x250"))
-    noisy = write("noisy", [replace(r, data=f"noisy-{r.data}") for r in board(sensor="vidar_400x250_noisy")])
+    noisy = write("noisy", [change(r, data=f"noisy-{r.what.data}") for r in board(sensor="vidar_400x250_noisy")])
     assert main([str(nominal), str(noisy), "--by", "sensor"]) == 0
     shown = capsys.readouterr().out
     assert "vidar_400x250_noisy" in shown

@@ -1,12 +1,11 @@
 """The comparison of cameras: which recordings count, what is best, and how far it is ahead."""
 
 import lzma
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from handmade_records import failed, record
+from handmade_records import change, failed, record
 
 from saf_gen.benchmark.records import write_records
 from studies.ranking.cameras import bits_per_pixel, interval, main
@@ -56,8 +55,8 @@ def test_recordings_that_another_camera_lacks_are_no_false_answers(write, capsys
 
 
 def test_in_one_packed_file_sensors_tell_cameras_apart(tmp_path, capsys):
-    records = [replace(one, sensor="vidar_128x128") for one in answers("a+s", {0})]
-    records += [replace(one, sensor="imx273") for one in answers("a+s", {0, 1, 2})]
+    records = [change(one, sensor="vidar_128x128") for one in answers("a+s", {0})]
+    records += [change(one, sensor="imx273") for one in answers("a+s", {0, 1, 2})]
     packed = tmp_path / "both.xz"
     write_packed_records(packed, records)
     assert main([str(packed)]) == 0
@@ -79,7 +78,7 @@ def test_a_packed_file_that_holds_no_records_is_one_line(tmp_path, content, caps
 
 def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, capsys):
     spikes = write("spikes", answers("a+s", set()))
-    photons = write("photons", answers("a+s", set(range(24))), [failed("b+s", "m0-dim", "failed", blur_px=None)])
+    photons = write("photons", answers("a+s", set(range(24))), [failed("b+s", "m0-dim", "failed")])
     assert main([spikes, photons]) == 0
     assert "| photons | `b+s` | 0% | 0% |" in capsys.readouterr().out
 
@@ -95,12 +94,12 @@ def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, ca
     ],
 )
 def test_bits_leave_the_chip_as_the_kind_of_the_sensor_says(sensor, bits):
-    seen = replace(record("a+s", "m0-dim", 0.2), sensor=sensor, frames_seen=300, mean_rate=0.01)
+    seen = change(record("a+s", "m0-dim", 0.2), sensor=sensor, frames_seen=300, mean_rate=0.01)
     assert bits_per_pixel(seen) == pytest.approx(bits)
 
 
 def test_bits_of_an_unknown_sensor_are_unknown():
-    assert np.isnan(bits_per_pixel(replace(record("a+s", "m0-dim", 0.2), sensor=None)))
+    assert np.isnan(bits_per_pixel(change(record("a+s", "m0-dim", 0.2), sensor=None)))
 
 
 def test_an_interval_holds_the_mean_of_members_as_often_as_it_says():

@@ -77,7 +77,9 @@ def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records
     assert first[0].startswith("2 recordings of ")
     assert sum(line.startswith("| `imx273` | `sd+argmax:window=1` | ") for line in first) == 1
     found = read_records(tmp_path / "imx273" / "records.jsonl")
-    assert all(record.sensor.startswith("imx273#") for record in found)  # other rows, rate and wells than the preset
+    assert all(
+        record.what.sensor.startswith("imx273#") for record in found
+    )  # other rows, rate and wells than the preset
     assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
     assert capsys.readouterr().out.splitlines()[-6:] == first
     monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["variance+argmax:window=1"]})

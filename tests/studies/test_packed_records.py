@@ -2,11 +2,10 @@
 
 import lzma
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from handmade_records import failed, record
+from handmade_records import change, failed, record
 
 from saf_gen.benchmark.records import read_records, write_records
 from studies.ranking.packed_records import main, read_packed_records, write_packed_records
@@ -15,26 +14,15 @@ KEPT = sorted(Path("studies/results").glob("*-records.xz"))
 
 
 def records():
-    """Answers whose errors follow from their positions, and some that do not; one without truth, two without answer."""
-    answers = [record("a+s", f"s{n}", math.sin(n) / 3, position=0.1 * n, truth=0.3, optimum=0.31) for n in range(9)]
-    exact = [
-        replace(one, error=one.position - one.truth, error_dof=(one.position - one.truth) / 0.07, trace=(1.0, 2.5))
-        for one in answers
-    ]
-    unknown = replace(record("a+s", "s9", None), truth=None, success_half_dof=None, success_1dof=None)
-    return [
-        *answers,
-        *exact,
-        replace(unknown, success_2dof=None),
-        failed("b+s", "s0", "failed"),
-        failed("b+s", "s1", "abstained"),
-    ]
+    """Answers with traces; one without truth, two without answer."""
+    answers = [record("a+s", f"s{n}", math.sin(n), optimum=0.1 * n, trace=(1.0, 2.5)) for n in range(9)]
+    return [*answers, record("a+s", "s9", None), failed("b+s", "s0", "failed"), failed("b+s", "s1", "abstained")]
 
 
 def test_packed_records_come_back_bit_for_bit_but_for_their_traces(tmp_path):
     write_packed_records(tmp_path / "some.xz", records())
     found = read_packed_records(tmp_path / "some.xz")
-    assert list(map(repr, found)) == [repr(replace(one, trace=())) for one in records()]
+    assert list(map(repr, found)) == [repr(change(one, trace=())) for one in records()]
 
 
 def test_the_command_packs_records_and_writes_them_again_as_saf_gen_reads_them(tmp_path):

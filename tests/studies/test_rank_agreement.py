@@ -1,8 +1,6 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from handmade_records import record
+from handmade_records import change, record
 from scipy.stats import kendalltau
 
 from saf_gen.core.seeds import make_generator
@@ -33,7 +31,7 @@ def by_skill(m, s, i):
 
 def two_sensors(first, second, **more):
     own = board(first, sensor=SENSORS[0], **more)
-    return own, [replace(r, data=f"noisy-{r.data}") for r in board(second, sensor=SENSORS[1], **more)]
+    return own, [change(r, data=f"noisy-{r.what.data}") for r in board(second, sensor=SENSORS[1], **more)]
 
 
 def test_tau_is_that_of_scipy_with_ties():
@@ -65,7 +63,7 @@ def test_a_condition_that_reverses_the_ranking_is_significant():
 
 def test_scenes_that_have_one_bin_alone_count_for_that_bin():
     records = board(by_skill)
-    graded = [replace(r, grain_rms=0.005 if int(r.scene[-2:]) < 6 else 0.03) for r in records]
+    graded = [change(r, grain_rms=0.005 if int(r.what.scene[-2:]) < 6 else 0.03) for r in records]
     (found,) = [one for one in compare_rankings(graded) if one.condition == "grain"]
     assert (found.first, found.second, found.scenes, found.shared) == ("below 1 %", "2 to 4 %", 12, 0)
     assert found.low <= found.tau <= found.high
@@ -73,9 +71,10 @@ def test_scenes_that_have_one_bin_alone_count_for_that_bin():
 
 def test_what_cannot_be_compared_is_left_out():
     assert compare_rankings(board(by_skill)) == []
-    assert compare_rankings([replace(r, scene_motion="static") for r in board(by_skill, methods=2)]) == []
+    assert compare_rankings([change(r, scene_motion="static") for r in board(by_skill, methods=2)]) == []
     two = [
-        replace(r, light="constant" if r.sequence.endswith(("0", "1")) else "ramp") for r in board(by_skill, scenes=2)
+        change(r, light="constant" if r.what.sequence.endswith(("0", "1")) else "ramp")
+        for r in board(by_skill, scenes=2)
     ]
     (found,) = compare_rankings(two)
     assert (found.low, found.by_chance, found.p_value) == (None, None, None)

@@ -37,9 +37,9 @@ def test_a_network_commands_the_lens_and_is_a_row_like_any_policy(captured_datas
     env = AutofocusEnv(captured_dataset, protocol=PROTOCOL, pixels=16, sequences=["plane-constant-00"])
     network = Half(0.8)
     (record,) = evaluate_policy(env, lambda: NetworkPolicy(network), method="half", code=digest_weights(network))
-    assert (record.status, record.note) == ("answered", "")
-    assert record.position == pytest.approx(0.4, abs=0.01)
-    assert record.code == digest_weights(Half(0.8))
+    assert (record.judgement.status, record.judgement.note) == ("answered", "")
+    assert record.judgement.position == pytest.approx(0.4, abs=0.01)
+    assert record.who.code == digest_weights(Half(0.8))
 
 
 def test_the_version_of_a_network_is_that_of_its_weights_and_layers():

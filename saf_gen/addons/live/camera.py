@@ -14,9 +14,10 @@ import numpy as np
 
 from saf_gen.addons.live.source import SENSOR, open_capture
 from saf_gen.benchmark.admission import admit_method
+from saf_gen.benchmark.judgement import judge
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.suitability import measure_misfit, method_misfit
-from saf_gen.benchmark.tracks.closed_loop_run import judge_run, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.clock import PACKET_FRAMES
 from saf_gen.benchmark.view.held import SpikePlanes
@@ -371,15 +372,15 @@ class LiveCamera:
                 seen.encode_until(len(run.path), run.path)  # also the last readouts, which the method did not look at
             finally:
                 self._left, self._lens = 0, self._make_lens(self._where)
-        judged = judge_run(run, truth, readout_hz=self.readout_hz)
+        judgement = judge(run, truth, end_s=lambda frames: frames / self.readout_hz)
         return LiveRun(
             method=found.name,
-            position=judged.get("position"),
-            truth=judged["truth"],
-            error_dof=judged.get("error_dof"),
-            seconds=run.answer_frame / self.readout_hz,
+            position=judgement.position,
+            truth=judgement.truth,
+            error_dof=judgement.error_dof,
+            seconds=run.frames_seen / self.readout_hz,
             windows=run.windows,
-            note=run.problem or run.answer.note,
+            note=judgement.note,
         )
 
     def _make_lens(self, position: float) -> ActuatedLens:

@@ -25,8 +25,9 @@ from saf_gen.benchmark.conformance._check_runner import (
 )
 from saf_gen.benchmark.conformance._samples import BEST_FOCUS, OVEREXPOSURE, SyntheticRecording, make_scene
 from saf_gen.benchmark.conformance.estimating_search_checks import UNIT, check_statements
+from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.captured import CapturedReadouts
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
@@ -48,7 +49,7 @@ BEST_POSITIONS = 0.0, 0.4, 1.0
 TOLERANCE = 0.1  # fraction of the travel
 LIGHT_FACTORS = {"a usual light": 1.0, "no light": 0.0, "50 times too much": OVEREXPOSURE}
 """Factors relative to the light for which the exposure is set."""
-Runner = Callable[..., ClosedLoopRun]
+Runner = Callable[..., Run]
 """Runs one method by run_on_scene, given the name of an actuator and the conditions."""
 
 
@@ -107,7 +108,7 @@ def run_on_scene(
     frames: int = BUDGET_FRAMES,
     unit: float = 1.0,
     seed: int = 1,
-) -> ClosedLoopRun:
+) -> Run:
     """Run a method on a running camera in front of the test scene, and check that its answer is valid.
 
     Parameters
@@ -131,7 +132,7 @@ def run_on_scene(
 
     Returns
     -------
-    ClosedLoopRun
+    Run
         The run.
 
     Raises
@@ -156,7 +157,7 @@ def run_on_scene(
     return run
 
 
-def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> ClosedLoopRun:
+def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str = "") -> Run:
     """Run a method twice and return the first run; raise CheckFailure if the two runs differ."""
     first, again = (run(actuator, light=light) for _ in range(2))
     if first.answer != again.answer or not np.array_equal(first.path, again.path):
@@ -166,12 +167,12 @@ def run_twice(run: Runner, actuator: str, *, light: float = 1.0, condition: str 
     return first
 
 
-def describe_run(run: ClosedLoopRun) -> str:
+def describe_run(run: Run) -> str:
     """Return the last position of the lens and the frame at which the method was done, in words."""
-    return f"{run.path[-1]:.3f} after {run.answer_frame:,} of {run.budget:,} frames"
+    return f"{run.path[-1]:.3f} after {run.frames_seen:,} of {BUDGET_FRAMES:,} frames"
 
 
-def _check_position(run: ClosedLoopRun) -> None:
+def _check_position(run: Run) -> None:
     position = run.answer.position
     if position is None:
         return

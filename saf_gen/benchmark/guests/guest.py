@@ -16,7 +16,8 @@ from saf_gen.errors import BadInput
 from saf_gen.parts import Answer
 
 MAX_ALIVE = 32
-"""Processes of guests that are kept. Methods take turns, so of more the last but one is ended: the others stay."""
+"""Processes of guests that are kept, each of about 100 MiB. Methods take turns, so of more the last idle one is ended:
+the others stay."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,11 @@ class Guest:
         process = self._process = GuestProcess({"load": order}, spec.folders, files=spec.files, limits=self.limits)
         _ALIVE.append(self)
         if len(_ALIVE) > MAX_ALIVE:  # a tuning may have hundreds of methods
-            _ALIVE[-2].close()
+            for other in _ALIVE[-2::-1]:
+                if other._lock.acquire(blocking=False):
+                    other.close()
+                    other._lock.release()
+                    break
         try:
             return process.load()
         except BadInput:

@@ -81,8 +81,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     An episode is ``terminated`` by an answer, once the lens has settled, or ``truncated`` when the budget is spent,
     which the benchmark counts as a failure.
 
-    The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, the result of
-    :func:`saf_gen.benchmark.tracks.closed_loop_run.judge_run`.
+    The info has ``sequence`` and ``seconds`` (the time that has passed) and, at the end, ``status``, ``position``,
+    ``truth``, ``error`` and ``error_dof`` of the :class:`saf_gen.benchmark.records.Judgement`.
 
     ``reset(seed=n)`` draws the sequence, the initial lens position and the noise of camera and lens; n and the number
     of episodes since then determine them. ``reset(options={"sequence": ID})`` uses that sequence, and the initial
@@ -218,7 +218,10 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def _make_info(self) -> dict[str, Any]:
         episode = self.episode
         info: dict[str, Any] = {"sequence": self._task.id if self._task else "", "seconds": episode.seconds}
-        return info if episode.run is None else info | episode.judge()
+        if episode.run is None:
+            return info
+        judgement = episode.judge()
+        return info | {key: getattr(judgement, key) for key in ("status", "position", "truth", "error", "error_dof")}
 
 
 def _list_tasks(dataset: Path, split: str | None, *, are_named: bool) -> list[SequenceTask]:

@@ -4,19 +4,14 @@ This module does not use Gymnasium. The camera, the start, the end and the judge
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from saf_gen.benchmark.judgement import Run, judge
+from saf_gen.benchmark.records import Judgement
 from saf_gen.benchmark.suitability import measure_misfit
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
-from saf_gen.benchmark.tracks.closed_loop_run import (
-    ClosedLoopRun,
-    explain_spent_budget,
-    finish_run,
-    judge_run,
-    start_camera,
-)
+from saf_gen.benchmark.tracks.closed_loop_run import explain_spent_budget, finish_run, start_camera
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.clock import PACKET_FRAMES
 from saf_gen.errors import BadInput
@@ -46,7 +41,7 @@ class Episode:
 
     Attributes
     ----------
-    run : ClosedLoopRun or None
+    run : Run or None
         The run, once the episode is over; None before.
     rate : ndarray of float64, shape (h, w)
         Counts per pixel and frame in the last control period, in the entire box.
@@ -85,7 +80,7 @@ class Episode:
         self._best = np.full(frames, self._truth.position) if track is None else track[:frames]
         self.rate = np.zeros((0, 0))
         self.observations = 0
-        self.run: ClosedLoopRun | None = None
+        self.run: Run | None = None
 
     @property
     def seconds(self) -> float:
@@ -129,10 +124,10 @@ class Episode:
         """
         begin = self._camera.now
         self._finish(position)
-        judged = self.judge()
+        judgement = self.judge()
         left = 1 - self._camera.now / self._camera.frames
-        bonus = FOCUS_BONUS if judged["success_1dof"] else 0.0
-        reward = bonus - self._sum_errors(begin) - left * abs(judged.get("error") or 0.0)
+        bonus = FOCUS_BONUS if judgement.error_dof is not None and abs(judgement.error_dof) <= 1 else 0.0
+        reward = bonus - self._sum_errors(begin) - left * abs(judgement.error or 0.0)
         return self._make_observation(), reward
 
     def abstain(self) -> None:
@@ -141,20 +136,20 @@ class Episode:
 
     def fail(self, problem: str) -> None:
         """End the episode without an answer; ``problem`` says why."""
-        self.run = finish_run(self._camera, Answer(), to=None, budget=self._budget, problem=problem)
+        self.run = finish_run(self._camera, Answer(), to=None, problem=problem)
 
-    def judge(self) -> dict[str, Any]:
-        """Return truth, error, success and other results of the run, each None if unknown.
+    def judge(self) -> Judgement:
+        """Return the judgement of the run.
 
         Raises BadInput before the end of the episode.
         """
         if self.run is None:
             raise BadInput("the episode is not over", hint="stop it, or let its time run out")
-        return judge_run(self.run, self._truth, readout_hz=self._hz)
+        return judge(self.run, self._truth, end_s=lambda frames: frames / self._hz)
 
     def _finish(self, position: float | None) -> None:
         answer = Answer(trace=tuple(self._camera.commanded_positions[1:]), position=position)
-        self.run = finish_run(self._camera, answer, to=position, budget=self._budget)
+        self.run = finish_run(self._camera, answer, to=position)
 
     def _make_observation(self) -> dict[str, np.ndarray]:
         """Return the observation; its image covers a full period, even if the last period was cut short."""

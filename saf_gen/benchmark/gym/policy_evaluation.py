@@ -14,12 +14,11 @@ import gymnasium
 import numpy as np
 
 from saf_gen.benchmark.gym.autofocus_env import AutofocusEnv
-from saf_gen.benchmark.records import RECORDS_FILE, Record, write_records
+from saf_gen.benchmark.judgement import Run
+from saf_gen.benchmark.records import RECORDS_FILE, Record, Who, write_records
 from saf_gen.benchmark.search_run import describe_exception
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun
 from saf_gen.benchmark.tracks.predictions import METHOD_NAME
-from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, measure_rate
-from saf_gen.benchmark.view.recording import WindowCounts
+from saf_gen.core.cores import describe_machine
 from saf_gen.core.user_code import user_code
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_file import open_stream
@@ -75,14 +74,10 @@ def evaluate_policy(
     for task in inner.tasks:
         sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
-            counts = WindowCounts(stream, region=sequence.box)
-            rate = measure_rate(counts)
-            blank = find_blank(counts, rate)
-            budget = inner.protocol.count_frames(sequence.capture)[0]
-            common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
+            what = sequence.describe(stream, inner.protocol, region=sequence.box)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
-        known = {"method": method, "code": code, "parameters": inner.parameters, **common}
-        records.append(sequence.make_record(run, inner.protocol, known=known))
+        who = Who(method, code, sequence.region, inner.parameters, machine=describe_machine())
+        records.append(sequence.make_record(who, what, run))
     if out is not None:
         write_records(Path(out) / RECORDS_FILE, records)
     return records
@@ -90,7 +85,7 @@ def evaluate_policy(
 
 def _run_policy(
     env: gymnasium.Env[Any, Any], inner: AutofocusEnv, *, make_policy: Callable[[], Policy], sequence: str
-) -> ClosedLoopRun:
+) -> Run:
     observation, _ = env.reset(options={"sequence": sequence})
     episode, seconds, over = inner.episode, 0.0, False
     try:

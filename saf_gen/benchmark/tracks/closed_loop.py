@@ -1,27 +1,20 @@
 """The closed-loop track, in which every method moves the lens of a running camera within a budget of time."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import judged_dof
+from saf_gen.benchmark.judgement import Run, judged_dof
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import BLANK, Record
+from saf_gen.benchmark.records import Record, What, Who
 from saf_gen.benchmark.results import LensPath
-from saf_gen.benchmark.search_run import withhold
-from saf_gen.benchmark.tracks.beside_truth import (
-    least_blur_fields,
-    optimum_fields,
-    sharpness_fields,
-    whole_target_fields,
-)
-from saf_gen.benchmark.tracks.closed_loop_run import ClosedLoopRun, judge_run, run_closed_loop
+from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
-from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
+from saf_gen.benchmark.tracks.record_of_run import make_record
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view.captured import Captured, CapturedReadouts
 from saf_gen.benchmark.view.operations import reference_rate
@@ -31,7 +24,6 @@ from saf_gen.parts import commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.light import SceneLight
 from saf_gen.stream.measure_input import choose_region
-from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recordings import Recording, open_recording
 
 PATH_POINTS = 400
@@ -86,54 +78,25 @@ class ClosedLoopSequence:
         """Return an empty store for what the camera captures of the box, with ``threads``, by default one per core."""
         return CapturedReadouts(self.capture, self.light, region=self.box, threads=threads)
 
-    def make_record(self, run: ClosedLoopRun, protocol: ClosedLoopProtocol, *, known: Mapping[str, Any]) -> Record:
-        """Return the record of a run; ``known`` has the fields of the method and those of describe_sequence."""
-        obstacle = known["obstacle"]
-        if obstacle in BLANK:
-            run = replace(run, answer=withhold(run.answer, f"the recording has {obstacle}"))
-        truth = self.capture.truth
+    def make_record(self, who: Who, what: What, run: Run) -> Record:
+        """Return the record of a run."""
+        truth, hz = self.capture.truth, self.capture.sensor.readout_hz
+        optima = self.capture.optima if truth.track is None else {}  # the lens takes its own course
+        return make_record(who, what, run, truth=truth, end_s=lambda frames: frames / hz, optima=optima)
 
-        def judge_by(truth: Truth) -> dict[str, Any]:
-            judged = judge_run(run, truth, readout_hz=self.capture.sensor.readout_hz)
-            if obstacle in BLANK:
-                judged |= dict.fromkeys(("success_half_dof", "success_1dof", "success_2dof"))
-            return judged
-
-        judged = judge_by(truth)
-        if not run.windows and not judged["lens_travel"]:  # neither looked nor moved: there is no cost to compare
-            judged |= dict.fromkeys(("lens_travel", "time_to_focus_s"))
-        unknown = dict.fromkeys(("position", "error", "error_dof", "blur_px", "time_to_focus_s"))
-        return Record(
-            sequence=self.task.id,
-            split=self.task.split,
-            scene=self.task.scene,
-            light=self.task.light,
-            frame=None if run.problem else float(run.answer_frame),
-            truth_frame=None,
-            error_frames=None,
-            trace=tuple(float(x) for x in run.answer.trace),
-            frames=run.budget,
-            frames_seen=run.answer_frame,
-            windows=run.windows,
-            seconds=run.seconds,
-            operations=run.operations if run.windows else None,
-            note=run.problem or run.answer.note,
-            region=self.region,
+    def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str | Region) -> What:
+        """Return what the records of this sequence have in common; ``region`` is that of the mean counts."""
+        counts = WindowCounts(stream, choose_region(stream, region)[0] if isinstance(region, str) else region)
+        rate = measure_rate(counts)
+        return describe_sequence(
+            self.task,
+            stream,
+            rate=rate,
+            blank=find_blank(counts, rate),
+            track="closed_loop",
+            frames=protocol.count_frames(self.capture)[0],
             data=self.data,
             terms=protocol.describe(self.capture),
-            **{**unknown, **judged},
-            **optimum_fields(
-                truth,
-                judged.get("position"),
-                method=known["method"],
-                region=self.region,
-                optima=self.capture.optima if truth.track is None else {},
-                here=truth.position,
-            ),
-            **sharpness_fields(truth, judged.get("position")),
-            **whole_target_fields(truth, judged.get("error")),
-            **least_blur_fields(truth, judge_by),
-            **known,
         )
 
 
@@ -173,26 +136,21 @@ def evaluate_closed_loop(
     records, paths = [], []
     with open_recording(task.path) as stream:
         sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
-        counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
-        rate = measure_rate(counts)
-        blank = find_blank(counts, rate)
-        budget = protocol.count_frames(sequence.capture)[0]
-        common = describe_sequence(task, stream, rate=rate, blank=blank, track="closed_loop", frames=budget)
-        common["reference_rate"] = reference_rate(region_shape(sequence.box))
-        if sequence.capture.truth.track is None:  # in a moving scene, the recording has other slices
-            common["grain_rms"] = grain_fields(stream)["grain_rms"]
+        what = sequence.describe(stream, protocol, region=rate_region)
     if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep
         protocol.check_sweep(sequence.capture)
+    rate_here = reference_rate(region_shape(sequence.box))
     captured = {commanding: sequence.make_captured() for commanding in (False, True)}  # sweeps share frames
     for done, method in enumerate(methods, start=1):
         run = run_closed_loop(captured[commands(method.search)], method, protocol=protocol)
-        records.append(sequence.make_record(run, protocol, known={**method.record_fields, **common}))
+        run = replace(run, reference_rate=rate_here)
+        records.append(sequence.make_record(method.who(sequence.region), what, run))
         paths.append(_sample_path(sequence, run, method=method.name))
         step(done, method.name)
     return records, paths
 
 
-def _sample_path(sequence: ClosedLoopSequence, run: ClosedLoopRun, *, method: str) -> LensPath:
+def _sample_path(sequence: ClosedLoopSequence, run: Run, *, method: str) -> LensPath:
     task, truth = sequence.task, sequence.capture.truth
     frames = np.unique(np.linspace(0, len(run.path) - 1, min(len(run.path), PATH_POINTS)).astype(int))
     return LensPath(

@@ -1,21 +1,15 @@
-"""The run of a method on a running camera, and how it is judged.
+"""The run of a method on a running camera.
 
 The lens starts at the same position for all methods on a sequence, drawn with its seed. A search that commands the lens
 then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to the nearer end of its
-travel, then towards the other end until the last window that the search looks at, and back to the answer. The run is
-judged by the final position of the lens.
+travel, then towards the other end until the last window that the search looks at, and back to the answer.
 """
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from saf_gen.benchmark.admission import run_method
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, judged_dof
+from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.captured import Captured
@@ -24,51 +18,9 @@ from saf_gen.benchmark.view.restricted_view import BudgetSpentError
 from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
 from saf_gen.core import seeds
 from saf_gen.parts import Answer, commands
-from saf_gen.stream.metadata import Truth
 
 SETTLE_TOLERANCE = 1e-4
 """Distance from its last position, as a fraction of the travel, within which the lens counts as settled."""
-ARRIVAL_TOLERANCE_DOF = 0.25
-"""Distance from its last position, in depths of focus, within which the lens counts as arrived."""
-DEFAULT_DEPTH_OF_FOCUS = 0.01
-"""Depth of focus, as a fraction of the travel, that is assumed for ARRIVAL_TOLERANCE_DOF if it is unknown."""
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedLoopRun:
-    """The result of a method on a running camera.
-
-    Attributes
-    ----------
-    answer : Answer
-        Answer of the method.
-    problem : str
-        Why the method failed, or ''.
-    answer_frame : int
-        Frame at which the method was done.
-    path : ndarray of float64, shape (n,)
-        True lens position at each frame up to the end, as fractions of the travel.
-    budget : int
-        Budget in frames.
-    windows : int
-        Number of windows that the method scored or looked at.
-    seconds : float
-        Computing time of the method, in seconds.
-    commanded_positions : tuple of float
-        Initial position of the lens, followed by every position to which it was sent.
-    operations : float
-        Operations that the method declares, of all windows that it scored or looked at.
-    """
-
-    answer: Answer
-    problem: str
-    answer_frame: int
-    path: np.ndarray
-    budget: int
-    windows: int
-    seconds: float
-    commanded_positions: tuple[float, ...] = ()
-    operations: float = 0.0
 
 
 def start_camera(
@@ -98,9 +50,7 @@ def start_camera(
     )
 
 
-def finish_run(
-    camera: RunningCamera, answer: Answer, *, to: float | None, budget: int, problem: str = ""
-) -> ClosedLoopRun:
+def finish_run(camera: RunningCamera, answer: Answer, *, to: float | None, problem: str = "") -> Run:
     """Let the lens settle at ``to`` (unless that is None), and return the run of a method that is done.
 
     If the focal stacks could not be read, the error of the camera is raised even if the method caught it.
@@ -112,16 +62,15 @@ def finish_run(
         camera.move(to)
         with suppress(BudgetSpentError):  # the lens is then judged by its position at the end of the budget
             camera.settle(SETTLE_TOLERANCE)
-    return ClosedLoopRun(
-        answer=answer,
-        problem=problem,
-        answer_frame=answer_frame,
-        path=camera.path[: camera.now].copy(),
-        budget=budget,
+    return Run(
+        answer,
+        problem,
+        camera.path[: camera.now].copy(),
+        frames_seen=answer_frame,
         windows=camera.scorer.windows,
         seconds=camera.scorer.seconds,
-        commanded_positions=tuple(camera.commanded_positions),
-        operations=camera.scorer.operations,
+        operations=camera.scorer.operations if camera.scorer.windows else None,
+        commands=tuple(camera.commanded_positions),
     )
 
 
@@ -132,7 +81,7 @@ def explain_spent_budget(budget: int) -> str:
 
 def run_closed_loop(
     captured: Captured, method: Method, *, protocol: ClosedLoopProtocol, start: float | None = None
-) -> ClosedLoopRun:
+) -> Run:
     """Let a method search for the focus, and return the run, whatever the method raises or answers.
 
     ``captured`` may come from an earlier run, whose frames are reused as long as they are the same. ``start`` is that
@@ -147,8 +96,8 @@ def run_closed_loop(
         else:
             answer, to, problem = _run_estimating_search(camera, method, sweep=sweep)
     except BudgetSpentError:
-        return finish_run(camera, Answer(), to=None, budget=budget, problem=explain_spent_budget(budget))
-    return finish_run(camera, answer, to=to, budget=budget, problem=problem)
+        return finish_run(camera, Answer(), to=None, problem=explain_spent_budget(budget))
+    return finish_run(camera, answer, to=to, problem=problem)
 
 
 def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
@@ -175,54 +124,3 @@ def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int)
 def _clip_to_travel(position: float | None) -> float | None:
     """Return a position clipped to 0...1, because a noisy position sensor may read a little outside the travel."""
     return None if position is None else min(max(float(position), 0.0), 1.0)
-
-
-def judge_run(run: ClosedLoopRun, truth: Truth, *, readout_hz: float) -> dict[str, Any]:
-    """Return the fields of a record that depend on the lens; None means unknown.
-
-    Errors (in travels and in depths of focus) and blur compare the last position of the lens with the truth at that
-    moment. An abstention is a success if no position in the travel is within the limit. ``time_to_focus_s`` ends when
-    the lens has arrived for good, that is, within a quarter of the depth of focus of its last position.
-    """
-    path = run.path
-    answered = not run.problem and (run.answer.position is not None or run.answer.frame is not None)
-    last = len(path) - 1
-    track = truth.track
-    best = float(track[min(last, len(track) - 1)]) if track is not None and last >= 0 else truth.position
-    best_known = math.isfinite(best)
-    dof = judged_dof(truth.depth_of_focus)
-    fields: dict[str, Any] = {
-        "truth": best if best_known else None,
-        "lens_travel": float(np.abs(np.diff(path)).sum()),
-        "reversals": count_reversals(run.commanded_positions),
-        "status": "failed" if run.problem else "answered" if answered else "abstained",
-    }
-    success: tuple[bool | None, ...] = (None,) * len(SUCCESS_LIMITS_DOF)
-    if run.problem:
-        success = (False,) * len(SUCCESS_LIMITS_DOF) if best_known and dof is not None else success
-    elif not answered:
-        if best_known and dof is not None:
-            distance = max(0.0, -best, best - 1) / dof
-            success = tuple(distance > limit for limit in SUCCESS_LIMITS_DOF)
-    else:
-        position = float(path[-1])
-        fields["position"] = position
-        near = ARRIVAL_TOLERANCE_DOF * (DEFAULT_DEPTH_OF_FOCUS if dof is None else dof)
-        off = np.flatnonzero(np.abs(path[run.answer_frame :] - position) > near)
-        arrived = run.answer_frame + (int(off[-1]) + 1 if off.size else 0)
-        fields["time_to_focus_s"] = arrived / readout_hz
-        if best_known:
-            fields["error"] = position - best
-            if dof is not None:
-                fields["error_dof"] = fields["error"] / dof
-                fields["blur_px"] = 2 * abs(fields["error_dof"])
-                success = tuple(abs(fields["error_dof"]) <= limit for limit in SUCCESS_LIMITS_DOF)
-    fields["success_half_dof"], fields["success_1dof"], fields["success_2dof"] = success
-    return fields
-
-
-def count_reversals(positions: Sequence[float]) -> int:
-    """Return the number of times that a lens changes direction if it is sent to these positions in turn."""
-    directions = np.sign(np.diff(positions))
-    directions = directions[directions != 0]
-    return int((directions[1:] != directions[:-1]).sum())

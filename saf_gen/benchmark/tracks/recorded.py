@@ -1,36 +1,29 @@
 """The recorded track, in which every method sees the same recording through a restricted view."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from saf_gen.benchmark.admission import run_method
-from saf_gen.benchmark.judgement import judge
+from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import BLANK, Record
+from saf_gen.benchmark.records import Record, Who
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
-from saf_gen.benchmark.search_run import withhold
 from saf_gen.benchmark.thumbnails import make_thumbnails
-from saf_gen.benchmark.tracks.beside_truth import (
-    least_blur_fields,
-    optimum_fields,
-    sharpness_fields,
-    whole_target_fields,
-)
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
-from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, grain_fields, measure_rate
+from saf_gen.benchmark.tracks.record_of_run import make_record
+from saf_gen.benchmark.tracks.sequence_fields import describe_sequence, find_blank, measure_rate
 from saf_gen.benchmark.tracks.tasks import SequenceTask, check_stream
 from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
+from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.plugins.searches import REJECT
 from saf_gen.stream.measure_input import choose_region
-from saf_gen.stream.metadata import Truth
 from saf_gen.stream.optima import optima_of_stream
+from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.recordings import Recording, open_recording
 from saf_gen.stream.stream_file import SpikeStream
 
@@ -44,15 +37,6 @@ def check_leaves_lens(methods: Sequence[Method]) -> None:
                 allowed="searches that estimate on a recording",
                 hint="run it with --track closed_loop, or use the search argmax, egs or sgfs_causal",
             )
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    """The answer of a method or a prediction; ``fields`` of its record say whose it is and what it cost."""
-
-    answer: Answer
-    problem: str
-    fields: dict[str, Any]
 
 
 def evaluate_recorded(
@@ -98,7 +82,7 @@ def evaluate_recorded(
     BadInput
         If the stream cannot be read, or is not the one that the manifest names.
     """
-    attempts: list[_Attempt] = []
+    records: list[Record] = []
     curves: dict[str, FocusCurve] = {}
     with open_recording(task.path) as stream:
         check_stream(task, stream)
@@ -109,35 +93,27 @@ def evaluate_recorded(
         if rate_region != region:
             common_counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
             common_rate = measure_rate(common_counts)
-        common = describe_sequence(
-            task, stream, rate=common_rate, blank=find_blank(common_counts, common_rate), track="recorded"
-        )
+        blank = find_blank(common_counts, common_rate)
+        what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded")
+        known: dict[str, Any] = {
+            "truth": stream.truth,
+            "end_s": lambda frames: (stream.metadata.readout_of(frames - 1) + 1) / stream.readout_hz,
+            "optima": optima_of_stream(stream.metadata.provenance),
+            "grain": grain_of_stream(stream.metadata.provenance),
+        }
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, None if method.guest else method.measure)
-            attempt = _run_method(method, view, rate=reference_rate(counts.shape), stream_path=str(stream.path))
-            attempts.append(attempt)
+            run = run_recorded(method, view, stream=stream, rate=reference_rate(counts.shape))
+            records.append(make_record(method.who(region_name), what, run, **known))
             blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
-            if blocks_alone and method.measure_name not in curves and not attempt.problem:
-                curves[method.measure_name] = _make_curve(view, method.measure_name, answer=attempt.answer)
+            if blocks_alone and method.measure_name not in curves and not run.problem:
+                curves[method.measure_name] = _make_curve(view, method.measure_name, answer=run.answer)
             step(done, method.name)
         if predictions is not None:
-            attempts += [
-                _attempt_from_prediction(prediction, code=predictions.code, frames=stream.shape[0])
-                for prediction in predictions.for_sequence(task.id)
-            ]
-        records = [
-            _make_record(
-                task,
-                attempt,
-                stream=stream,
-                common={
-                    "region": region_name,
-                    **grain_fields(stream, attempt.fields["method"], region=region_name),
-                    **common,
-                },
-            )
-            for attempt in attempts
-        ]
+            made = {"parameters": "predicted elsewhere", "machine": describe_machine()}
+            for prediction in predictions.for_sequence(task.id):
+                who = Who(prediction.method, predictions.code, region_name, **made)
+                records.append(make_record(who, what, run_of_prediction(prediction, stream), **known))
         sweep = SweepSummary(
             sequence=task.id,
             split=task.split,
@@ -157,98 +133,47 @@ def evaluate_recorded(
         return records, sweep
 
 
-def _run_method(method: Method, view: RecordingView, *, rate: float, stream_path: str) -> _Attempt:
-    answer, problem = run_method(method, view, scorer=view.scorer, stream_path=stream_path)
+def run_recorded(method: Method, view: RecordingView, *, stream: Recording, rate: float) -> Run:
+    """Let a method search on a recording, and return the run, whatever the method raises or answers."""
+    answer, problem = run_method(method, view, scorer=view.scorer, stream_path=str(stream.path))
     if fault := _find_range_fault(answer, view.frames):
         answer, problem = Answer(None, answer.trace), fault
-    fields = {
-        **method.record_fields,
-        "frames_seen": view.now,
-        "windows": view.scorer.windows,
-        "seconds": view.scorer.seconds,
-        "operations": view.scorer.operations,
-        "reference_rate": rate,
-    }
-    return _Attempt(answer, problem, fields)
+    return Run(
+        answer,
+        problem,
+        _path_of(stream),
+        frames_seen=view.now,
+        windows=view.scorer.windows,
+        seconds=view.scorer.seconds,
+        operations=view.scorer.operations,
+        reference_rate=rate,
+    )
 
 
-def _attempt_from_prediction(prediction: Prediction, *, code: str, frames: int) -> _Attempt:
+def run_of_prediction(prediction: Prediction, stream: Recording) -> Run:
+    """Return the run of a method elsewhere, whose answer fails if it does not fit the recording."""
+    frames = stream.shape[0]
     answer = Answer(prediction.frame, prediction.trace, prediction.note)
     problem = prediction.describe_frames_fault(frames) or _find_range_fault(answer, frames)
-    fields = {
-        "method": prediction.method,
-        "code": code,
-        "parameters": "predicted elsewhere",
-        "frames_seen": min(prediction.frames_seen or frames, frames),
-        "windows": 0,
-        "seconds": prediction.seconds,
-    }
-    return _Attempt(answer if not problem else Answer(None, answer.trace), problem, fields)
+    return Run(
+        Answer(None, answer.trace) if problem else answer,
+        problem,
+        _path_of(stream),
+        frames_seen=min(prediction.frames_seen or frames, frames),
+        windows=0,
+        seconds=prediction.seconds,
+    )
+
+
+def _path_of(stream: Recording) -> np.ndarray:
+    path = stream.metadata.lens_position
+    return np.empty(0) if path is None else path
 
 
 def _find_range_fault(answer: Answer, frames: int) -> str:
     if answer.frame is None or -0.5 <= answer.frame <= frames - 0.5:
         return ""
     return f"answered frame {answer.frame}, which was not recorded"
-
-
-def _make_record(task: SequenceTask, attempt: _Attempt, *, stream: Recording, common: Mapping[str, Any]) -> Record:
-    truth, seen, obstacle = stream.truth, attempt.fields["frames_seen"], common["obstacle"]
-    is_blank = obstacle in BLANK
-    answer = withhold(attempt.answer, f"the recording has {obstacle}" if is_blank else "")
-
-    def judge_by(truth: Truth, truth_frame: float = math.nan) -> dict[str, Any]:
-        judged = asdict(
-            judge(
-                answer.frame,
-                frames_seen=seen,
-                focus_position=stream.metadata.lens_position,
-                truth=truth.position,
-                track=truth.track,
-                truth_frame=truth_frame,
-                ends=truth.depth_of_focus,
-            )
-        )
-        # A failure must not count as an abstention, which is a success if the focus is out of reach.
-        success = (success and not attempt.problem for success in judged.pop("success"))
-        half, one, two = (None,) * 3 if is_blank else success
-        return judged | {"success_half_dof": half, "success_1dof": one, "success_2dof": two}
-
-    judged = judge_by(truth, truth.frame)
-    if not seen:  # the lens of the recording moved, but not for this method
-        judged["lens_travel"] = None
-    return Record(
-        sequence=task.id,
-        split=task.split,
-        scene=task.scene,
-        light=task.light,
-        status="failed" if attempt.problem else "abstained" if answer.frame is None else "answered",
-        frame=None if answer.frame is None else float(answer.frame),
-        trace=tuple(float(x) for x in answer.trace),
-        frames=stream.shape[0],
-        note=attempt.problem or answer.note,
-        data=stream.content_sha256,
-        time_to_focus_s=None if answer.frame is None or not seen else _end_s(stream, seen - 1),
-        **judged,
-        **optimum_fields(
-            truth,
-            judged["position"],
-            method=attempt.fields["method"],
-            region=common["region"],
-            optima=optima_of_stream(stream.metadata.provenance),
-            here=judged["truth"],
-        ),
-        **sharpness_fields(truth, judged["position"]),
-        **whole_target_fields(truth, judged["error"]),
-        **least_blur_fields(truth, judge_by),
-        **attempt.fields,
-        **common,
-    )
-
-
-def _end_s(stream: Recording, frame: int) -> float:
-    """Return the seconds from the beginning of a recording to the end of a frame."""
-    return (stream.metadata.readout_of(frame) + 1) / stream.readout_hz
 
 
 def _make_curve(view: RecordingView, measure: str, *, answer: Answer) -> FocusCurve:

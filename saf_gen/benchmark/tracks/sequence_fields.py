@@ -1,4 +1,8 @@
-"""Fields of a record that describe the sequence, whatever a method answers: focus, light, sensor, grain, benchmark."""
+"""What a record says of the sequence, whatever a method answers: focus, light, sensor, grain, benchmark.
+
+A lens with aberrations has its largest contrast (the truth) and its least blur at different positions. Where they are
+far apart, what is in focus depends on the question, and answers are judged by both.
+"""
 
 import hashlib
 import json
@@ -6,13 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from saf_gen.benchmark.judgement import SUCCESS_LIMITS_DOF, focus_crossing, judged_dof, light_ratio
-from saf_gen.benchmark.method_spec import split_halves
-from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Blank, Obstacle
+from saf_gen.benchmark.judgement import focus_crossing, judged_dof, light_ratio
+from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Blank, Obstacle, Track, What
+from saf_gen.benchmark.tracks.record_of_run import limited
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
 from saf_gen.benchmark.view.recording import WindowCounts
@@ -20,10 +24,7 @@ from saf_gen.camera import Sensor, parse_sensor
 from saf_gen.camera.exposed_sensor import OF_PLACE
 from saf_gen.camera.sensor_files import read_sensor, sensor_names
 from saf_gen.core.config.frozen_benchmarks import BENCHMARK_KEY, read_frozen_digests
-from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
-from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
-from saf_gen.stack.grain import ENERGIES
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.recordings import Recording
@@ -32,6 +33,8 @@ RATE_BLOCKS = 200
 """Minimum number of blocks in which mean counts are measured; a recording of fewer frames has one block per frame."""
 REACH_LIMIT_DOF = SUCCESS_LIMITS_DOF[1]
 """Distance from the focus, in depths of focus, within which the lens has reached it, so that an answer can be right."""
+MAX_APART_DOF = 0.15
+"""Distance between largest contrast and least blur, in depths of focus, above which answers are judged by both."""
 REST_DOF = 0.1
 """Range of the lens positions, in depths of focus, up to which a lens is at rest: no picture differs from another."""
 
@@ -63,10 +66,12 @@ def describe_sequence(
     *,
     rate: tuple[np.ndarray, np.ndarray],
     blank: Blank | None,
-    track: Literal["recorded", "closed_loop"],
+    track: Track,
     frames: int | None = None,
-) -> dict[str, Any]:
-    """Return the fields of a record that describe the sequence, the evaluator and the machine.
+    data: str = "",
+    terms: str = "",
+) -> What:
+    """Return what all records of a sequence have in common.
 
     Parameters
     ----------
@@ -82,11 +87,15 @@ def describe_sequence(
         ``recorded`` or ``closed_loop``.
     frames : int, optional
         Number of frames from the beginning that are described; by default the entire recording.
+    data : str, optional
+        Digest of what methods see; by default that of the stream.
+    terms : str, optional
+        Protocol of the closed loop.
 
     Returns
     -------
-    dict of str to any
-        Keyword arguments for Record.
+    What
+        The sequence, and the conditions on it.
     """
     truth, gain = truncate_truth(stream.truth, frames or stream.shape[0]), stream.metadata.gain
     centres, mean_rate = rate
@@ -104,22 +113,38 @@ def describe_sequence(
             obstacle = "lens at rest"
         elif location is None and _find_best_focus(truth) is not None:
             obstacle = "focus not reached"
-    return {
-        "track": track,
-        "variant": task.variant,
-        "scene_motion": task.scene_motion,
-        "lens_motion": task.lens_motion,
-        "truth_first": truth.position if truth.known else None,
-        "focus_place": location,
-        "focus_off_dof": off_dof,
-        "mean_rate": float(mean_rate.mean()),
-        "obstacle": obstacle,
-        "light_ratio": light_ratio(gain),
-        "sensor": sensor_of(stream.metadata.provenance, kind=stream.counted),
-        "benchmark": benchmark_of(stream.metadata.provenance),
-        "machine": describe_machine(),
-        "rig": evaluator_version(track),
-    }
+    grain = grain_of_stream(stream.metadata.provenance)
+    if track == "closed_loop" and truth.track is not None:  # in a moving scene, the recording has other slices
+        grain = None
+    return What(
+        sequence=task.id,
+        split=task.split,
+        scene=task.scene,
+        light=task.light,
+        frames=frames or stream.shape[0],
+        data=data or stream.content_sha256,
+        track=track,
+        terms=terms,
+        rig=evaluator_version(track),
+        benchmark=benchmark_of(stream.metadata.provenance),
+        sensor=sensor_of(stream.metadata.provenance, kind=stream.counted),
+        scene_motion=task.scene_motion,
+        lens_motion=task.lens_motion,
+        least_blur=_least_blur(stream.truth),
+        focus_place=location,
+        focus_off_dof=off_dof,
+        mean_rate=float(mean_rate.mean()),
+        light_ratio=light_ratio(gain),
+        obstacle=obstacle,
+        grain_rms=None if grain is None else limited(grain.rms_in_focus),
+    )
+
+
+def _least_blur(truth: Truth) -> float | None:
+    """Return the distance of the least blur from the truth, in travels; None unless it is far."""
+    dof = judged_dof(truth.depth_of_focus)
+    apart = math.nan if truth.least_blur is None else truth.least_blur - truth.position
+    return apart if dof is not None and abs(apart) > MAX_APART_DOF * dof else None
 
 
 def judge_crossing(truth: Truth, focus_position: np.ndarray | None) -> tuple[float | None, float | None]:
@@ -200,45 +225,6 @@ def _find_best_focus(truth: Truth) -> np.ndarray | None:
 def _to_depths_of_focus(distance: float, truth: Truth) -> float | None:
     dof = judged_dof(truth.depth_of_focus)
     return 0.0 if distance == 0 else None if dof is None else distance / dof
-
-
-# A focus measure mistakes grain, the noise that the renderer left in the pictures, for texture. For each measure whose
-# energy is stored in the recording, its energy in the grain is compared with the range of its focus curve.
-
-
-ENERGY_OF_MEASURE: Mapping[str, str] = {
-    **dict.fromkeys(("sd", "sd_code", "sd_debiased", "sd_calibrated", "variance", "normalised_variance"), "contrast"),
-    **{name: name for name in ENERGIES if name != "contrast"},
-}
-
-
-def energy_of_method(method: str) -> str | None:
-    """Return the energy that the measure of a method is or follows, one of ENERGIES; None if it is none of them."""
-    measure = split_halves(method)[0].split(":")[0]
-    return ENERGY_OF_MEASURE.get(measure.removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX))
-
-
-def grain_fields(stream: Recording, method: str = "", *, region: str = "") -> dict[str, float | None]:
-    """Return the fields of a record that describe the grain of a recording; None if unknown.
-
-    The focus curve is the noise-free sharpness in the file for ``contrast``, and the signal along the recording for the
-    other energies. Grain is known only in the box around the target, and hence not for a method that looks at the
-    frame.
-    """
-    grain = grain_of_stream(stream.metadata.provenance)
-    if grain is None:
-        return {"grain_rms": None, "grain_of_curve": None}
-    energy, of_curve = energy_of_method(method), math.nan
-    if energy is not None and region == "target":
-        sharpness = stream.truth.sharpness
-        known = np.empty(0) if sharpness is None or energy != "contrast" else sharpness[np.isfinite(sharpness)]
-        of_curve = grain.noise_over_curve(energy, curve_range=float(np.ptp(known)) if known.size else None)
-    return {"grain_rms": _limit_for_record(grain.rms_in_focus), "grain_of_curve": _limit_for_record(of_curve)}
-
-
-def _limit_for_record(value: float) -> float | None:
-    """Return a number as stored in a record: limited to MAX_SECONDS_OR_TRAVELS, and None instead of NaN."""
-    return None if math.isnan(value) else min(value, MAX_SECONDS_OR_TRAVELS)
 
 
 def sensor_of(provenance: Mapping[str, str], *, kind: str = "spikes") -> str | None:

@@ -90,7 +90,7 @@ def plot_times(rows: Sequence[LeaderboardRow]) -> Times | None:
 def make_charts(board: Leaderboard) -> list[Chart]:
     """Return the charts of a leaderboard: profiles, then sweeps or paths of the lens by scene."""
     order = {method: number for number, method in enumerate(board.methods)}
-    records = sorted(board.records, key=lambda r: order.get(r.method, len(order)))
+    records = sorted(board.records, key=lambda r: order.get(r.who.method, len(order)))
     paths = sorted(board.evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
     measures = list(dict.fromkeys(measure_and_search(method)[0] for method in board.methods))
     return [
@@ -118,7 +118,7 @@ def _chart_profiles(profiles: Sequence[Profile]) -> list[Chart]:
 def _chart_sweeps(sweeps: Sequence[SweepSummary], records: Sequence[Record], *, measures: list[str]) -> list[Chart]:
     chosen = select_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], DRAWN_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
-    by_sequence = group_by(records, "sequence")
+    by_sequence = group_by(records, "what.sequence")
     with ThreadPoolExecutor(usable_cores()) as pool:  # encoding pictures leaves Python's lock
         viewers = pool.map(build_viewer, [sweeps[number] for number in chosen])
         return [
@@ -228,9 +228,9 @@ def _group_answers(records: Sequence[Record], measures: Sequence[str]) -> dict[s
     """Return the frame of each answer of these measures by search and measure, in the order of ``records``."""
     answers: dict[str, dict[str, float]] = {}
     for record in records:
-        measure, search = measure_and_search(record.method)
-        if measure in measures and record.frame is not None:
-            answers.setdefault(search, {})[measure] = record.frame
+        measure, search = measure_and_search(record.who.method)
+        if measure in measures and record.judgement.frame is not None:
+            answers.setdefault(search, {})[measure] = record.judgement.frame
     return answers
 
 
@@ -310,7 +310,7 @@ def _describe_omission(drawn: int, total: int, *, noun: str) -> str:
 
 def _describe_omissions_by_scene(records: Sequence[Record], drawn: Sequence[tuple[str | None, str]]) -> dict[Any, str]:
     """Return, by scene, a sentence with the number of its sequences that are drawn; '' if all are drawn."""
-    counts = Counter(scene for scene, _ in {((r.split, r.scene), r.sequence) for r in records})
+    counts = Counter(scene for scene, _ in {((r.what.split, r.what.scene), r.what.sequence) for r in records})
     return {
         scene: f"Drawn: {number} of the scene's {counts[scene]} sequences." if number < counts[scene] else ""
         for scene, number in Counter(drawn).items()

@@ -91,7 +91,7 @@ def write_evaluation(
         If the disk is full or the folder cannot be written.
     """
     final = Path(folder)
-    earlier = _describe_earlier(final, splits={record.split for record in board.records})
+    earlier = _describe_earlier(final, splits={record.what.split for record in board.records})
     texts = format_tables(board)
     texts[PAGE] = build_page(board, title=title, charts=make_charts(board), delivered=delivered)
     try:
@@ -163,7 +163,7 @@ def _format_json(board: Leaderboard) -> str:
         "notes": board.notes,
         "grain": [asdict(grain) for grain in board.grain],
         **describe_records(board.records),
-        "machines": sorted({r.machine for r in board.records}),
+        "machines": sorted({r.who.machine for r in board.records}),
         "failures": [asdict(failure) for failure in board.evaluation.failures],
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -53,7 +53,7 @@ YEARS_MEANING = (
     "Years of the measure and, if it has a source, of the search; here: this project. The link leads to them."
 )
 _DOI = re.compile(r"doi:\S+")
-SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.split)
+SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.what.split)
 _SWEEP = (
     "Grey: the light, as mean counts. Yellow: the depth of focus around the true focus. At the top: the "
     "answers of each search with each measure. Each picture shows a part of the sweep: TFP counts its spikes, TFI "
@@ -181,8 +181,10 @@ def build_page(
     ranked = list(dict.fromkeys([rows, *(s.rows for s in selections)]))
     held = choose_answers(records)
     answers = tables.answers(held.answers)
-    digests = {r.sequence: r.data for r in records}
-    codes = {r.method: f"{r.code}, constants of {r.tuning}" if r.tuning else r.code for r in records}
+    digests = {r.what.sequence: r.what.data for r in records}
+    codes = {
+        r.who.method: f"{r.who.code}, constants of {r.who.tuning}" if r.who.tuning else r.who.code for r in records
+    }
     numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
     script = _read_asset(*SCRIPTS)
@@ -229,8 +231,8 @@ def build_page(
                 ],
                 "answers": [
                     [
-                        methods.index(one.record.method),
-                        numbers[one.record.sequence],
+                        methods.index(one.record.who.method),
+                        numbers[one.record.what.sequence],
                         *(column.text(one) for column in answers.columns[2:]),
                     ]
                     for one in held.answers
@@ -242,14 +244,14 @@ def build_page(
 
 
 def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str:
-    scenes = len({r.scene for r in records})
+    scenes = len({r.what.scene for r in records})
     tracks = {"recorded": "recorded sweeps", "closed_loop": "closed loop"}
     return ", ".join(
         [
             f"{plural(len(rows), 'autofocus method')} (focus measure + search) on {plural(scenes, 'scene')}",
             describe_size(records),
-            *sorted({tracks[r.track] + (f" ({r.terms})" if r.terms else "") for r in records}),
-            *(LOOKING.get(name, f"looking at the box {name!r}") for name in sorted({r.region for r in records})),
+            *sorted({tracks[r.what.track] + (f" ({r.what.terms})" if r.what.terms else "") for r in records}),
+            *(LOOKING.get(name, f"looking at the box {name!r}") for name in sorted({r.who.region for r in records})),
         ]
     )
 
@@ -271,7 +273,7 @@ def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Mark
     )
     answerable = plural(best.answerable or 0, "sequence")
     right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
-    scenes = plural(len({record.scene for record in records}), "scene")
+    scenes = plural(len({record.what.scene for record in records}), "scene")
     if len(rows) == 1:
         return Markup("{}: {}.").format(names, right)
     if level == others and (others or len(leaders) > 1):
@@ -314,7 +316,7 @@ def _year(source: str) -> str:
 
 def _say_what_is_judged(records: Sequence[Record]) -> str:
     """Return sentences about the task of the methods and what is judged."""
-    if {record.track for record in records} == {"closed_loop"}:
+    if {record.what.track for record in records} == {"closed_loop"}:
         return (
             "Each method commands the lens of a running spike camera, sees only its spikes, and moves the lens to the"
             " position where the target is sharp. The final position of the lens is judged."
@@ -377,17 +379,17 @@ def choose_answers(records: Sequence[Record], *, max_answers: int = MAX_HELD) ->
     If there are more than ``max_answers`` answers, the page holds the worst of each method, as many of every method,
     and the MAX_ANSWERS worst of all.
     """
-    methods = {record.method for record in records}
+    methods = {record.who.method for record in records}
     each = len(records) if len(records) <= max_answers else max(1, max_answers // len(methods))
-    sizes = [inf if record.error_dof is None else abs(record.error_dof) for record in records]
+    sizes = [inf if record.judgement.error_dof is None else abs(record.judgement.error_dof) for record in records]
     of_method: Counter[str] = Counter()
     held: list[Answer] = []
     for at in sorted(range(len(records)), key=lambda at: -sizes[at]):
-        of_method[records[at].method] += 1
-        if len(held) < MAX_ANSWERS or of_method[records[at].method] <= each:
+        of_method[records[at].who.method] += 1
+        if len(held) < MAX_ANSWERS or of_method[records[at].who.method] <= each:
             held.append(Answer(at + 1, records[at]))
-    known = {answer.record.sequence for answer in held}
-    names = list(dict.fromkeys(record.sequence for record in records))
+    known = {answer.record.what.sequence for answer in held}
+    names = list(dict.fromkeys(record.what.sequence for record in records))
     return HeldAnswers(tuple(held), tuple(name for name in names if name in known), len(names))
 
 
@@ -401,7 +403,7 @@ def list_selections(records: Sequence[Record]) -> list[Selection]:
     selections = []
     for axis in (SPLIT, *AXES):
         bins = group_by_bin(records, axis)
-        members = {name: tuple(dict.fromkeys(r.sequence for r in group)) for name, group in bins.items()}
+        members = {name: tuple(dict.fromkeys(r.what.sequence for r in group)) for name, group in bins.items()}
         for name in largest_bins({name: len(group) for name, group in members.items()}) if len(bins) > 1 else ():
             sequences = members[name]
             if sequences not in ranked:

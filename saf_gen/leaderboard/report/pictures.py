@@ -193,9 +193,13 @@ def picture_answers(tasks: Sequence[SequenceTask], board: Leaderboard) -> Delive
         The pictures; None in the closed loop, whose spikes are not stored, if no recording has two answers to compare,
         or if its stream cannot be read any more.
     """
-    found = {(r.method, r.sequence): r for r in board.records if r.error_dof is not None and r.frame is not None}
+    found = {
+        (r.who.method, r.what.sequence): r
+        for r in board.records
+        if r.judgement.error_dof is not None and r.judgement.frame is not None
+    }
     ranked = [method for method in board.methods if any((method, task.id) in found for task in tasks)]
-    if len(ranked) < 2 or any(record.track != "recorded" for record in board.records):
+    if len(ranked) < 2 or any(record.what.track != "recorded" for record in board.records):
         return None
     best, worst = ranked[0], ranked[-1]
     both = [task for task in tasks if (best, task.id) in found and (worst, task.id) in found]
@@ -210,17 +214,17 @@ def picture_answers(tasks: Sequence[SequenceTask], board: Leaderboard) -> Delive
         with open_stream(task.path) as stream:
             frames = max(stream.shape[0] // PART, 1)
             detail = _find_detail(stream, choose_region(stream, "target")[0])
-            pictures = [_count(stream, record.frame or 0.0, frames=frames, region=detail) for record in shown]
+            pictures = [_count(stream, record.judgement.frame or 0.0, frames=frames, region=detail) for record in shown]
         white = white_level(*pictures, quantile=WHITE_QUANTILE)
         greys = [(255 * display_gamma(picture, white)).round().astype(np.uint8) for picture in pictures]
         strip = lay_out_pictures(greys, count=len(greys)).encode("PNG", optimize=True)
-        errors = tuple((record.method, record.error_dof or 0.0) for record in shown)
+        errors = tuple((record.who.method, record.judgement.error_dof or 0.0) for record in shown)
         return Delivered(task.id, strip, errors, frames)
     return None
 
 
 def _size(record: Record) -> float:
-    return abs(record.error_dof or 0.0)
+    return abs(record.judgement.error_dof or 0.0)
 
 
 def _count(stream: SpikeStream, frame: float, *, frames: int, region: Region) -> np.ndarray:
