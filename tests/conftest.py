@@ -40,7 +40,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Tell the helpers of tests, which are imported later, also by commands that tests start."""
     if variant := config.getoption("variant"):
         os.environ["SAF_GEN_TEST_VARIANT"] = variant
-    config.pluginmanager.register(ProcessorTime(config.getoption("processor_times")))
+    table = None if hasattr(config, "workerinput") else config.getoption("processor_times")
+    config.pluginmanager.register(ProcessorTime(table))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -43,6 +43,7 @@ def shipped():
     return {name: resolve_recipe(f"recipes/{name}.yaml") for name in RECIPES}
 
 
+@pytest.mark.daily(6)
 @pytest.mark.slow
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", RECIPES)
