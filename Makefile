@@ -17,7 +17,7 @@ help:
 	@echo "make test       run linters, type checks and all tests but the long ones (five to seven minutes on two cores)"
 	@echo "make test-fast  run linters, type checks and the short tests (two to three minutes)"
 	@echo "make test-long  run the long tests: a tenth of the paper's grid at full size, planted faults, checks (half an hour)"
-	@echo "make validate   check every law at full size, and write docs/validation.md (a quarter of an hour; the same command resumes)"
+	@echo "make validate   check every law at full size, and write studies/results/validation.md (a quarter of an hour; the same command resumes)"
 	@echo "make bench      measure speed, file size and memory against their targets (about twenty minutes)"
 	@echo "make gpu-report  test and time the renderer on an NVIDIA card, and write gpu-report.md to paste into an issue"
 	@echo "make docs       build the documentation site: build/site/index.html (half a minute)"
@@ -75,7 +75,7 @@ test-long: install
 	$(BIN)/pytest -m long
 
 validate: install
-	$(BIN)/python -m studies.laws --out docs
+	$(BIN)/python -m studies.laws --out studies/results
 
 bench: install
 	$(BIN)/python -m studies.speed

@@ -30,8 +30,9 @@ WORKERS = 8
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that runs the tests of the renderer with another of Mitsuba's variants."""
+    """Add options: a variant of Mitsuba, a file of processor times, and whether pages are rewritten."""
     parser.addoption("--variant", choices=["llvm", "cuda", "scalar"], help="variant that renders in tests")
+    parser.addoption("--accept", action="store_true", help="write what is printed to the pages that show it")
     parser.addoption("--processor-times", type=Path, metavar="FILE", help="add each test's processor seconds")
 
 
@@ -39,7 +40,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Tell the helpers of tests, which are imported later, also by commands that tests start."""
     if variant := config.getoption("variant"):
         os.environ["SAF_GEN_TEST_VARIANT"] = variant
-    config.pluginmanager.register(ProcessorTime(config.getoption("processor_times")))
+    table = None if hasattr(config, "workerinput") else config.getoption("processor_times")
+    config.pluginmanager.register(ProcessorTime(table))
 
 
 @pytest.hookimpl(optionalhook=True)

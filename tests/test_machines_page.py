@@ -1,4 +1,4 @@
-"""Steps of docs/how-to/cluster.md are run as written: job arrays, certificates."""
+"""Steps of docs/machines.md are run as written: job arrays, certificates."""
 
 import os
 import re
@@ -15,7 +15,7 @@ from planted_sweeps import list_streams, write_sweep
 from small_dataset import SCENES, SMALL_RECIPE
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs/how-to/cluster.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/machines.md").read_text(encoding="utf-8")
 
 ONE_LIGHT = SMALL_RECIPE.replace("[constant, continuous, lamp_only]", "[constant]")
 RECIPE = ONE_LIGHT.replace("name: small", "name: quickstart")

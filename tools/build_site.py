@@ -24,16 +24,16 @@ from public_names import commands_page, python_page
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("*.md", "docs/**/*.md", "studies/**/*.md", "scenes/*/SOURCE.md", "datasets/README.md")
-MADE = {"docs/reference/commands.md": commands_page, "docs/reference/python.md": python_page}
+MADE = {"docs/commands.md": commands_page, "docs/python.md": python_page}
 """Pages that are only on the site, and the functions that make them."""
 LINK = re.compile(r"\]\(([^)\s#]+)")
 WHOLE_LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)\)")
 SEARCHED = {
-    "1000": "docs/how-to/import.md",
-    "1000 x 1000": "docs/how-to/import.md",
-    "depth map": "docs/reference/file-layout.md",
-    "ground truth": "docs/explanation/truth-and-ranking.md",
-    "pytorch cpu": "docs/how-to/install.md",
+    "1000": "docs/your-recordings.md",
+    "1000 x 1000": "docs/your-recordings.md",
+    "depth map": "docs/files.md",
+    "ground truth": "docs/truth-and-ranking.md",
+    "pytorch cpu": "docs/install.md",
 }
 """What readers search for, and the page that the search of the site must list first.
 
@@ -86,7 +86,11 @@ def toctrees(pages: list[Path]) -> str:
         if title == "Reference":
             menu[title] += MADE
     others = [page.relative_to(ROOT).as_posix() for page in pages]
-    menu = {"Start": ["docs/README.md"], **menu, "More": [one for one in others if one not in listed]}
+    menu = {
+        "Start": ["docs/README.md", *menu.pop("Start")],
+        **menu,
+        "More": [one for one in others if one not in listed],
+    }
     trees = [
         f"\n```{{toctree}}\n:hidden:\n:maxdepth: 1\n:titlesonly:\n:caption: {title}\n\n" + "\n".join(group) + "\n```\n"
         for title, group in menu.items()

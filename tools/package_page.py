@@ -14,7 +14,7 @@ from typing import Any
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-PAGES = {"Documentation": "docs/README.md", "Changelog": "CHANGELOG.md", "Validation": "docs/validation.md"}
+PAGES = {"Documentation": "docs/README.md", "Changelog": "CHANGELOG.md", "Validation": "studies/results/validation.md"}
 LINK = re.compile(r"(?P<picture>!?)\[(?P<text>(?:!\[[^\]]*\]\([^)]*\)|[^\]])*)\]\((?P<path>[^)\s]+)\)")
 
 

@@ -1,7 +1,7 @@
 """The public names of saf_gen: its commands, and the functions and classes on which scripts and plug-ins may rely.
 
-``tools/write_reference.py`` lists them in docs/reference/public-names.md, and ``tools/build_site.py`` writes a page of
-the site about each command and each name.
+``tools/build_site.py`` writes two pages of the site from them, each of which begins with its list: all commands with
+their options, and all names with their docstrings.
 """
 
 import inspect
@@ -85,7 +85,7 @@ def _walk(command: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def python_page() -> str:
     """Return the page of the public functions and classes, which autodoc makes from their docstrings."""
-    parts = ["# Python interface\n"]
+    parts = [f"# Python interface\n\nNames on which scripts and plug-ins may rely.\n\n{public_python()}"]
     for module, names in PUBLIC.items():
         directives = (_directive(getattr(import_module(module), name), f"{module}.{name}") for name in names)
         parts.append(f"## {module}\n\n```{{eval-rst}}\n" + "\n".join(directives) + "```\n")
@@ -100,7 +100,7 @@ def _directive(one: Any, name: str) -> str:
 
 def commands_page() -> str:
     """Return the page of every command with its arguments and options."""
-    return "# Commands\n\n" + "\n".join(_command(name, command) for name, command in commands())
+    return f"# Commands\n\n{public_commands()}\n" + "\n".join(_command(name, command) for name, command in commands())
 
 
 def _command(name: str, command: Any) -> str:

@@ -1,4 +1,4 @@
-"""Write the gallery of scenes, docs/scenes.md: pictures and the figures of every scene.
+"""Write the gallery of scenes, docs/scenes.md: pictures and a line about every scene.
 
 python tools/write_gallery.py [SCENE...] [--out docs] [--samples 1024] [--keep]
 """
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from textwrap import wrap
 
 import numpy as np
 from matplotlib import get_data_path
@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from saf_gen.authoring.scene_sheet import render_images
 from saf_gen.camera import Sensor, get_sensor
-from saf_gen.core.config.ranges import is_range, range_extremes
+from saf_gen.core.config.ranges import is_range
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.files import atomic_file, write_text
 from saf_gen.core.plain_text import escape_markdown
@@ -25,7 +25,7 @@ from saf_gen.errors import BadInput
 from saf_gen.render import make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
 from saf_gen.render.scene_renderer import SceneRenderer
-from saf_gen.scene.scene_folder import Scene, SceneCard, find_scene, scene_names
+from saf_gen.scene.scene_folder import Scene, find_scene, scene_names
 
 GAP = 10  # pixels between two images of the upper row
 LABEL, TYPE = 26, 18  # pixels: height of the strip above an image, and size of the letters in it
@@ -35,20 +35,17 @@ SAMPLES, SLOW_SAMPLES = 1024, 4  # per pixel; the latter for a backend that rend
 POSITIONS = 129  # of the stack from which the upper row is taken: one trace serves all three
 SMALL_IMAGES = 6  # of half the size: members, moments, or three of each
 FONT = Path(get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
-HEAD = f"""# Scenes
+BLANK = 0.01  # spread of grey values below which a thumbnail shows nothing, as of a section that only delays light
+HEAD = """# Scenes
 
-{{table}}
+{table}
 
-The upper row of an image shows what the camera sees at both ends of the lens's travel and in between at the true
-focus of the target. The lower row shows members of the scene's family, drawn at random, and a moving scene at
-moments of a second, all sharp. An image file has at most {MAX_BYTES // 1000} kB.
+{moving}
 
-This page is written by one command. Run it again after a scene has changed, with `--keep` to render only what is
-missing:
-
-```
-python tools/write_gallery.py
-```
+The upper row of a sheet shows what the camera sees at both ends of the lens's travel and, between them, at the true
+focus of the target. The lower row shows members of the scene's family, drawn at random, and a moving scene at moments
+of a second, all sharp. Distances are those in focus at the ends of the travel. `python tools/write_gallery.py` writes
+this page, with `--keep` without rendering what is there.
 """
 
 
@@ -66,20 +63,28 @@ def write_gallery(
         picture = folder / "pictures" / "scenes" / f"{scene.id}.jpg"
         small = picture.parent / "thumbnails" / picture.name
         try:
-            view = View.trace(scene, sensor, backend=backend)
             if not (keep and picture.is_file() and small.is_file()):
-                rows = view.render(samples=samples)
+                rows = View.trace(scene, sensor, backend=backend).render(samples=samples)
                 save_grid(rows, picture, max_bytes=MAX_BYTES)
-                save_thumbnail(rows[0][1][1], small)
+                end, focused, _ = (image for _, image in rows[0])
+                save_thumbnail(end if focused.std() < BLANK else focused, small)
         except BadInput as problem:
             failed[scene.id] = problem
             continue
-        sections[scene.id] = section(scene, view, picture=picture, folder=folder)
-    page = [HEAD.format(table=thumbnail_table(sorted(sections)))]
+        sections[scene.id] = section(scene, picture=picture, folder=folder)
+    moving = ", ".join(f"`{scene.id}`" for scene in scenes if scene.id in sections and scene.card.slices_per_s)
+    known = "`saf-gen scenes show NAME` prints the target, the light and the parameters of a scene."
+    head = fill(f"Scenes that move: {moving or 'none'}. {known}")
+    page = [HEAD.format(table=thumbnail_table(sorted(sections)), moving=head)]
     for name in sorted(sections):
         page += [f"## {name}", "", sections[name]]
     write_text(folder / "scenes.md", "\n".join(page))
     return failed
+
+
+def fill(text: str) -> str:
+    """Return text in lines of at most 120 characters."""
+    return "\n".join(wrap(text, 120, break_long_words=False, break_on_hyphens=False))
 
 
 def thumbnail_table(names: Sequence[str]) -> str:
@@ -140,42 +145,14 @@ def moment_label(label: str) -> str:
     return f"t = {label}" if label.endswith(" s") else label
 
 
-def section(scene: Scene, view: View, *, picture: Path, folder: Path) -> str:
-    card, seen, lux = scene.card, view.seen, scene.card.illuminance_lux
-    depths = seen.depth[seen.target]
+def section(scene: Scene, *, picture: Path, folder: Path) -> str:
+    card = scene.card
     near, far = scene.build_drive().focusing_range_m
-    drive = "" if card.lens.drive in card.lens.summary else f", `{card.lens.drive}`"
-    target = ", ".join(f"`{name}`" for name in card.target)
-    if depths.size:
-        target += f", {np.median(depths):.4g} m away, {seen.target.mean():.0%} of the frame"
-        target += f", in focus at {view.truth:.3f} of the travel"
-    rows = {
-        "lens": f"{card.lens.summary}{drive}, in focus from {near:.4g} to {far:.4g} m",
-        "target": target,
-        "light": ", ".join(f"`{group}` {lux[group]:,g} lux" if group in lux else f"`{group}`" for group in card.lights),
-        "family": "; ".join(param_range(*param) for param in card.params.items() if is_range(param[1])),
-        "motion": motion(card),
-        "licence": card.licence,
-        "source": source_link(scene, folder),
-    }
-    table = [f"| {key} | {value} |" for key, value in rows.items() if value]
-    image = f"![{escape_markdown(card.title)}]({picture.relative_to(folder).as_posix()})"
-    return "\n".join([f"{escape_markdown(card.title)}.", "", image, "", "| | |", "|---|---|", *table, ""])
-
-
-def motion(card: SceneCard) -> str:
-    if card.slices_per_s is None:
-        return ""
-    error = card.interpolation_error
-    limit = "" if error is None else f", interpolated with an error of at most {100 * error:.2g} %"
-    return f"{card.slices_per_s:g} time slices per second{limit}"
-
-
-def param_range(name: str, value: Any) -> str:
-    values = range_extremes(value)
-    if "choice" in value:
-        return f"`{name}` {', '.join(str(choice) for choice in dict.fromkeys(values))}"
-    return f"`{name}` {values[0]:,.10g} to {values[1]:,.10g}"
+    moves = f", {card.slices_per_s:g} slices per second" if card.slices_per_s else ""
+    image = f"![{scene.id}]({picture.relative_to(folder).as_posix()})"
+    source = f"{card.licence}, {source_link(scene, folder)}"
+    line = fill(f"{card.lens.summary}, {near:.4g} to {far:.4g} m{moves}, {source}.")
+    return "\n".join([f"{escape_markdown(card.title)}.", "", image, "", line, ""])
 
 
 def source_link(scene: Scene, folder: Path) -> str:

@@ -1,4 +1,4 @@
-"""Write the parts of docs/ that come from the code: public names, keys, options, records, JSON Schemas.
+"""Write the parts of docs/ that come from the code: keys, options, records, JSON Schemas.
 
     python tools/write_reference.py
 
@@ -9,32 +9,26 @@ Everything else on a page is written by hand. ``tests/test_reference.py`` compar
 import json
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, fields
 from pathlib import Path
-from types import NoneType, SimpleNamespace, UnionType
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from public_names import public_commands, public_python, table, tick
+from public_names import table, tick
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from saf_gen.benchmark import records
 from saf_gen.benchmark.curve_quality import CurveQuality
-from saf_gen.benchmark.plugin_description import (
-    build_or_class,
-    format_attribute,
-    measure_suffixes,
-    search_kind,
-    summarise_plugin,
-)
+from saf_gen.benchmark.plugin_description import build_or_class, format_attribute, search_kind, summarise_plugin
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.core.config import registry
 from saf_gen.core.config.field_docs import field_docs
 from saf_gen.generate.recipe import Recipe, recipe_schema
 from saf_gen.leaderboard.results import AXES
-from saf_gen.leaderboard.tables import ranking
 from saf_gen.optics.actuators import actuator_names, get_actuator
 from saf_gen.plugins.lights import COMMON_KEYS
 from saf_gen.scene.card_schema import card_schema
@@ -43,7 +37,7 @@ from saf_gen.scene.scene_folder import SceneCard
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PART = re.compile(r"(<!-- from the code: ([a-z_]+) -->\n).*?(<!-- end -->)", re.DOTALL)
-REQUIRED = "must be given"
+REQUIRED = "required"
 
 
 # --- keys of recipes and cards -------------------------------------------------------------------------
@@ -145,21 +139,28 @@ def card_keys() -> str:
 
 
 def picture_keys() -> str:
-    """Return the table of the keys of the card of a photographed scene."""
-    return table("key", "value", "default", "meaning", rows=keys_of(PictureCard))
+    """Return the table of the keys that only the card of a photographed scene has."""
+    shared = {row[0] for row in keys_of(SceneCard)}
+    return table(
+        "key", "value", "default", "meaning", rows=(row for row in keys_of(PictureCard) if row[0] not in shared)
+    )
 
 
 def drive_keys() -> str:
     """Return the table of the keys that only one kind of lens has."""
     rows = []
     kinds = kinds_of(SceneCard.model_fields["lens"].annotation)
-    common = set.intersection(*(set(kind.model_fields) for kind in kinds))
+    counts = Counter(name for kind in kinds for name in kind.model_fields)
     for kind in kinds:
-        said = field_docs(kind)
-        rows.append([f"`{get_args(kind.model_fields['drive'].annotation)[0]}`", "", "", said["drive"]])
-        own = [(name, field) for name, field in kind.model_fields.items() if name not in common]
-        rows += [["", f"`lens.{name}`", _allowed(field.annotation, field), said[name]] for name, field in own]
-    return table("drive", "key, must be given", "value", "meaning", rows=rows)
+        docs = field_docs(kind)
+        rows.append([f"**`{get_args(kind.model_fields['drive'].annotation)[0]}`**", "", docs["drive"]])
+        own = [
+            (name, field)
+            for name, field in kind.model_fields.items()
+            if name != "drive" and (counts[name] == 1 or (field.is_required() and counts[name] < len(kinds)))
+        ]
+        rows += [[f"`lens.{name}`", _allowed(field.annotation, field), docs[name]] for name, field in own]
+    return table("drive, and its keys", "value", "meaning", rows=rows)
 
 
 # --- plug-ins, sensors, actuators ----------------------------------------------------------------------
@@ -169,13 +170,13 @@ def _options(plugin_kind: str) -> str:
     rows = []
     for name in registry.names(plugin_kind):
         cls = registry.plugin_class(plugin_kind, name)
-        rows.append([f"`{name}`", "", "", "", tick(summarise_plugin(cls))])
+        rows.append([f"**`{name}`**", "", "", tick(summarise_plugin(cls))])
         said = field_docs(cls)
         for field in fields(cls):
             allowed, _, meaning = tick(said[field.name]).partition(": ")
             default = REQUIRED if field.default is MISSING else "" if field.default is None else _written(field.default)
-            rows.append(["", f"`{field.name.rstrip('_')}`", allowed, default, meaning[0].upper() + meaning[1:]])
-    return table("kind", "key", "value", "default", "meaning", rows=rows)
+            rows.append([f"`{field.name.rstrip('_')}`", allowed, default, meaning[0].upper() + meaning[1:]])
+    return table("kind, and its keys", "value", "default", "meaning", rows=rows)
 
 
 def light_keys() -> str:
@@ -201,9 +202,8 @@ def measure_table() -> str:
         measure = build_or_class("measures", name)
         options = ", ".join(f"`{key}`" for key in registry.option_fields("measures", name))
         cost, degree = (format_attribute(measure, key) for key in ("cost", "degree"))
-        forms = ", ".join(f"`{suffix}`" for suffix in measure_suffixes(measure) if suffix != "_n_tfi")
-        rows.append([f"`{name}`", tick(summarise_plugin(measure)), cost, degree, options, forms])
-    return table("measure", "what it is", "cost", "degree", "options", "forms", rows=rows)
+        rows.append([f"`{name}`", tick(summarise_plugin(measure)), cost, degree, options])
+    return table("measure", "what it is", "cost", "degree", "options", rows=rows)
 
 
 def search_table() -> str:
@@ -240,18 +240,6 @@ def actuator_table() -> str:
 # --- leaderboard and records ----------------------------------------------------------------------------
 
 
-def leaderboard_columns() -> str:
-    """Return the table of the leaderboard's columns; columns with the same meaning share a row."""
-    rows: list[list[str]] = []
-    row = SimpleNamespace(success_by_light=[("LIGHT", None)], success_least_blur=1.0, false_abstentions=None)
-    for column in ranking([row]).columns:  # type: ignore[list-item]
-        if rows and rows[-1][2] == column.meaning:
-            rows[-1][1] += f", `{column.name}`"
-        else:
-            rows.append(["each light" if column.together else column.header, f"`{column.name}`", column.meaning])
-    return table("column", "name in the files", "meaning", rows=rows)
-
-
 def leaderboard_conditions() -> str:
     """Return the table of the conditions by which sequences are sorted."""
     rows = ([axis.title, f"`{axis.name}`", axis.meaning, "; ".join(axis.order)] for axis in AXES)
@@ -273,8 +261,6 @@ def record_keys() -> str:
 PARTS: dict[str, Callable[[], str]] = {
     part.__name__: part
     for part in (
-        public_commands,
-        public_python,
         recipe_keys,
         card_keys,
         picture_keys,
@@ -286,7 +272,6 @@ PARTS: dict[str, Callable[[], str]] = {
         search_table,
         sensor_table,
         actuator_table,
-        leaderboard_columns,
         leaderboard_conditions,
         curve_criteria,
         record_keys,
@@ -306,7 +291,7 @@ def expected_files() -> dict[Path, str]:
     """Return all files of docs/ that are made from the code, completely or in part, with their expected text."""
     pages = {page: rewritten(page) for page in sorted(DOCS.rglob("*.md")) if PART.search(page.read_text("utf-8"))}
     written = {name: json.dumps(make(), indent=1, ensure_ascii=False) + "\n" for name, make in SCHEMAS.items()}
-    return pages | {DOCS / "reference" / name: text for name, text in written.items()}
+    return pages | {DOCS / name: text for name, text in written.items()}
 
 
 if __name__ == "__main__":

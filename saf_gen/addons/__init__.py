@@ -14,7 +14,7 @@ What belongs to the add-on NAME:
   functions.
 - ``saf_gen/addons/NAME/scenes/``, if it has any, the scenes that its page and its tests use.
 - ``tests/addons/NAME/``, its tests, with the fixtures that only they use in a ``conftest.py``.
-- a page of its name in ``docs/addons``, which says how to use it from the command line and from Python.
+- a part of a page in ``docs``, which says how to use it from the command line and from Python.
 
 Which add-ons there are, the command line finds by path: there is no list. To add one, write its folder. To delete one,
 delete its folder, its tests and its page, and the links to the page. The rest then works as before, and the commands of

@@ -1,11 +1,11 @@
 """A scene around a mesh: the mesh in front of the lens, a lamp, a wall, and a card.
 
-Surfaces are matt and are seen from both sides. Mitsuba multiplies no textures, so colour factors become part of the
+Surfaces are seen from both sides. Mitsuba multiplies no textures, so colour factors become part of the
 picture.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.authoring.meshes import READERS, LeftOut, Shape, Surface, encode_png, read_mesh, srgb_to_linear
-from saf_gen.errors import BadInput, escape_controls
+from saf_gen.errors import BadInput, unknown
 
 UNREADABLE_MESHES = {
     ".blend": "a Blender file",
@@ -78,7 +78,7 @@ SURROUNDINGS = """\
 def is_mesh(path: Path) -> bool:
     """Return whether the file is a mesh around which a scene can be made.
 
-    Raises BadInput for a file format of another program, with a hint on how to convert it.
+    Raises BadInput if it is missing, or for a file format of another program, with a hint on how to convert it.
     """
     suffix = path.suffix.lower()
     if suffix in UNREADABLE_MESHES:
@@ -88,14 +88,18 @@ def is_mesh(path: Path) -> bool:
             hint="in Blender, use File > Export > Mitsuba (.xml) of the add-on mitsuba-blender for the scene with its"
             " lamps, or glTF 2.0 (.glb) for the mesh",
         )
+    if suffix in READERS and not path.is_file():
+        raise BadInput(f"{path} cannot be read: there is no such file")
     return suffix in READERS
 
 
-def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lambda line: None) -> dict[str, bytes]:
+def scene_of_mesh(
+    path: Path, name: str, *, target: str = "", notify: Callable[[str], None] = lambda line: None
+) -> dict[str, bytes]:
     """Return the content of the files of a scene around a mesh, by file name.
 
     The mesh is scaled so that its largest side is SIZE_M, and centred at the origin, 0.5 m in front of the lens. All
-    its shapes form the target; those that emit light belong to the light group ``room``.
+    its shapes form the target, or those of ``target``; those that emit light belong to the light group ``room``.
 
     Parameters
     ----------
@@ -103,6 +107,8 @@ def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lamb
         Mesh file.
     name : str
         Name of the scene.
+    target : str, optional
+        Shape, node or material that should be in focus.
     notify : callable, optional
         Called with a line of text for each kind of thing that is left out.
 
@@ -113,14 +119,10 @@ def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lamb
     Raises
     ------
     BadInput
-        If the file is missing or cannot be read, or if the mesh has no size or cannot be seen.
+        If the file cannot be read, or if the mesh has no size, cannot be seen, or has no such target.
     """
-    if not path.is_file():
-        raise BadInput(f"{path} cannot be read: there is no such file")
     left_out = LeftOut()
-    shapes = [shape for shape in map(_simplified, read_mesh(path, left_out)) if _is_visible(shape, left_out)]
-    if not shapes:
-        raise BadInput("the mesh cannot be seen: its opacity is 0", where=str(path), hint="export it with opacity")
+    shapes = visible_shapes(path, left_out)
     low, high = (np.array([f(s.points, axis=0) for s in shapes]) for f in (np.min, np.max))
     extent = np.array([low.min(axis=0), high.max(axis=0)])
     with np.errstate(over="ignore"):
@@ -130,33 +132,49 @@ def scene_of_mesh(path: Path, name: str, *, notify: Callable[[str], None] = lamb
     scale, middle = SIZE_M / side, extent[0] / 2 + extent[1] / 2
     if not np.isfinite(scale):
         raise BadInput(f"the largest side of the mesh is {side:.3g}", where=str(path), hint="enlarge it")
-    files = _Files()
+    files = Files()
     names: list[str] = []
     for shape in shapes:
-        names.append(_unique_name(shape.name, names))
+        names.append(unique_name(shape.name, names))
         files.add_shape(names[-1], replace(shape, points=(shape.points - middle) * scale))
-    lines = [escape_controls(line) for line in left_out.lines()]
+    lines = left_out.lines()
     for line in lines:
         notify(line)
+    focused = [name for name, shape in zip(names, shapes, strict=True) if target in ("", name, shape.name, shape.node)]
+    if not focused:
+        raise unknown("target", target, allowed=[shape.node or shape.name for shape in shapes], where=str(path))
     glow = [one for one, shape in zip(names, shapes, strict=True) if any(shape.surface.emission)]
-    said = "".join(f"- {line}\n" for line in lines)
     texts = {
         "scene.xml": f'<scene version="3.0.0">\n{"".join(files.xml)}\n{SURROUNDINGS}',
-        "scene.yaml": CARD.replace("TARGET", ", ".join(names))
+        "scene.yaml": CARD.replace("TARGET", ", ".join(focused))
         .replace("ROOM", ", ".join(["room", *glow]))
         .replace("TITLE", f"{name.replace('_', ' ').capitalize()}, in front of a wall")
         .replace("NAME", name),
         "SOURCE.md": SOURCE.replace("NAME", name)
         .replace("FILE", path.name)
         .replace("SCALE", f"{scale:.4g}")
-        .replace("LEFT_OUT", f"\nNot everything in the file is used:\n\n{said}\n" if said else ""),
+        .replace("LEFT_OUT", left_out_text(lines)),
     }
     return files.data | {file: text.encode() for file, text in texts.items()}
 
 
-def _unique_name(name: str, taken: list[str]) -> str:
-    """Return the id of a shape, which is never that of a lamp or the wall."""
-    plain = "_".join(["mesh", *filter(None, [re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:60]])])
+def visible_shapes(path: Path, left_out: LeftOut) -> list[Shape]:
+    """Return the shapes of a mesh file that can be seen; raise BadInput if there is none."""
+    shapes = [shape for shape in map(_simplified, read_mesh(path, left_out)) if _is_visible(shape, left_out)]
+    if not shapes:
+        raise BadInput("the mesh cannot be seen: its opacity is 0", where=str(path), hint="export it with opacity")
+    return shapes
+
+
+def left_out_text(lines: Sequence[str]) -> str:
+    """Return the part of SOURCE.md about what is not as in the file."""
+    listed = "".join(f"- {line}\n" for line in lines)
+    return f"\nNot everything in the file is used:\n\n{listed}\n" if lines else ""
+
+
+def unique_name(name: str, taken: Collection[str], *, kind: str = "mesh") -> str:
+    """Return the id of a shape or lamp, which begins with its kind and is none of those in use."""
+    plain = "_".join([kind, *filter(None, [re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:60]])])
     return f"{plain}_{len(taken) + 1}" if plain in taken else plain
 
 
@@ -184,10 +202,14 @@ MAX_BYTES = 4 << 30
 """Limit of the files of a scene."""
 
 
-class _Files:
-    """The files of the shapes, and their XML; shapes with the same picture share its file."""
+class Files:
+    """The files of the shapes, and their XML; shapes with the same picture share its file.
 
-    def __init__(self) -> None:
+    Surfaces are matt unless ``glossy`` says that their roughness and metal count.
+    """
+
+    def __init__(self, *, glossy: bool = False) -> None:
+        self._glossy = glossy
         self.data: dict[str, bytes] = {}
         self.xml: list[str] = []
         self._stored: dict[tuple[object, ...], str] = {}
@@ -213,27 +235,44 @@ class _Files:
     def _reflection(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> str:
         """Return the BSDF of colour × picture × colours of the vertices."""
         surface, colours = shape.surface, shape.colours
-        if surface.picture is None:
-            if colours is None:
-                return _diffuse(_rgb("reflectance", surface.colour))
+        key = "base_color" if self._glossy else "reflectance"
+        if surface.picture is None and colours is None:
+            colour = rgb(key, surface.colour)
+        elif surface.picture is None and colours is not None:
             attributes |= {f"color_{n}": colours[:, n] * surface.colour[n] for n in range(3)}
-            return _diffuse(_attribute("reflectance", "color"))
-        if colours is not None:
+            colour = _attribute(key, "color")
+        elif surface.picture is not None and colours is None:
+            colour = self._coloured(name, surface, picture=surface.picture, key=key)
+        else:
             raise BadInput(
                 f"the mesh {shape.name!r} has a texture and colours of vertices that differ",
                 allowed="one of them",
                 hint="remove the colours of its vertices, and export it again",
             )
-        return _diffuse(self._coloured(name, surface, picture=surface.picture))
+        if not self._glossy:
+            return f'<bsdf type="diffuse">{colour}</bsdf>'
+        return f'<bsdf type="principled">{colour}{"".join(self._gloss(name, surface))}</bsdf>'
 
-    def _coloured(self, name: str, surface: Surface, *, picture: np.ndarray) -> str:
+    def _coloured(self, name: str, surface: Surface, *, picture: np.ndarray, key: str) -> str:
         """Return the texture of colour × picture: a copy of the picture if the colour is white."""
         if surface.colour == (1.0, 1.0, 1.0):
             file = self._store(f"{name}.png", (picture, "colour"), encode=partial(encode_png, picture[..., :3]))
-            return _bitmap("reflectance", file, surface=surface, raw=False)
-        key = (picture, "colour", *surface.colour)
-        file = self._store(f"{name}.pfm", key, encode=partial(_tinted, picture, surface.colour))
-        return _bitmap("reflectance", file, surface=surface)
+            return _bitmap(key, file, surface=surface, raw=False)
+        known = (picture, "colour", *surface.colour)
+        file = self._store(f"{name}.pfm", known, encode=partial(_tinted, picture, surface.colour))
+        return _bitmap(key, file, surface=surface)
+
+    def _gloss(self, name: str, surface: Surface) -> Iterator[str]:
+        """Yield roughness, metal and refractive index of a surface; green and blue of a picture are factors."""
+        picture = surface.gloss_picture
+        for channel, key, value in ((1, "roughness", surface.roughness), (2, "metallic", surface.metallic)):
+            if picture is None:
+                yield number(key, value)
+                continue
+            values = picture[..., channel : channel + 1] / 255 * value
+            file = self._store(f"{name}_{key}.pfm", (picture, key, value), encode=partial(_encode_pfm, values))
+            yield _bitmap(key, file, surface=surface)
+        yield number("eta", surface.index)
 
     def _opacities(self, name: str, surface: Surface) -> Iterator[str]:
         """Yield the XML of each factor of the opacity of a surface that is not opaque."""
@@ -249,7 +288,7 @@ class _Files:
                 "opacity", self._store(f"{name}_opacity.png", key, encode=partial(encode_png, alpha)), surface=surface
             )
         if not masked and surface.opacity < 1:
-            yield _number("opacity", surface.opacity)
+            yield number("opacity", surface.opacity)
 
     def _emission(self, name: str, surface: Surface) -> str:
         """Return the lamp of a shape that emits light; it shines from the front."""
@@ -257,7 +296,7 @@ class _Files:
             return ""
         glow = surface.emission_picture
         if glow is None:
-            radiance = _rgb("radiance", surface.emission)
+            radiance = rgb("radiance", surface.emission)
         else:
             key = (glow, "emission", *surface.emission)
             file = self._store(f"{name}_emission.pfm", key, encode=partial(_tinted, glow, surface.emission))
@@ -273,15 +312,11 @@ class _Files:
         return self._stored[known]
 
 
-def _diffuse(reflectance: str) -> str:
-    return f'<bsdf type="diffuse">{reflectance}</bsdf>'
-
-
-def _rgb(name: str, values: Iterable[float]) -> str:
+def rgb(name: str, values: Iterable[float]) -> str:
     return f'<rgb name="{name}" value="{" ".join(f"{value:.6g}" for value in values)}"/>'
 
 
-def _number(name: str, value: float) -> str:
+def number(name: str, value: float) -> str:
     return f'<float name="{name}" value="{value:.9g}"/>'
 
 

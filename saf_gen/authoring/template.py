@@ -3,14 +3,16 @@
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from saf_gen.authoring.mesh_scene import is_mesh, scene_of_mesh
+from saf_gen.authoring.mesh_scene import is_mesh, left_out_text, scene_of_mesh
+from saf_gen.authoring.whole_scene import read_whole_scene
 from saf_gen.core.files import rename_durably, temporary_folder, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.scene.obj_file import counts_from_the_end, with_positive_indices
@@ -29,6 +31,11 @@ EXPORTED_SOURCE = """# NAME
 
 Copied from an exported scene by `saf-gen scenes new --from`.
 For each mesh and texture, state here who made it, where it is from, its licence, and what was changed.
+"""
+WHOLE_SOURCE = """# NAME
+
+Made from FILE by `saf-gen scenes new --from`.
+LEFT_OUTState here who made the scene and its textures, where they are from, their licence, and what was changed.
 """
 YAML_KEYWORDS = frozenset("y n yes no on off true false null".split())  # noqa: SIM905  YAML does not read these as text
 
@@ -70,13 +77,13 @@ def scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[
 
 
 def scene_from_export(
-    exported: Path, name: str, *, root: Path, notify: Callable[[str], None] = lambda line: None
+    exported: Path, name: str, *, root: Path, target: str = "", notify: Callable[[str], None] = lambda line: None
 ) -> list[Path]:
     """Copy an exported scene and its files to ``root/name``, write its card, and return the paths of the files.
 
     Files keep the names that the scene uses; links are followed. The card has the pose and the field of view of the
     first camera in the file, the shape in the middle of the image as its target, and a light group for each lamp. If
-    the file is a mesh, the new scene shows this mesh in front of a wall, with a lamp.
+    the file is a mesh without a camera, the new scene shows this mesh in front of a wall, with a lamp.
 
     Parameters
     ----------
@@ -86,6 +93,8 @@ def scene_from_export(
         Name of the new scene.
     root : Path
         Folder of scene folders.
+    target : str, optional
+        Shape or node that should be in focus, in place of that in the middle of the image.
     notify : callable, optional
         Called with a line of text for each thing that is left out, changed or guessed.
 
@@ -99,24 +108,35 @@ def scene_from_export(
         If the scene cannot be read; has no camera, no lamp or no shape in the middle; has a camera that no card can
         describe; or if the name cannot be used. In these cases, no file is left behind.
     """
-    if is_mesh(exported):
-        files = scene_of_mesh(exported, name, notify=notify)
+    whole = read_whole_scene(exported) if is_mesh(exported) else None
+    if is_mesh(exported) and whole is None:
+        files = scene_of_mesh(exported, name, target=target, notify=notify)
         with _new_folder(name, root) as folder:
-            for file, data in files.items():
-                (folder / file).parent.mkdir(parents=True, exist_ok=True)
-                (folder / file).write_bytes(data)
+            _write(files, folder)
         return [root / name / file for file in files]
-    read = read_scene_xml(exported, {}, convertible=True)
     with _new_folder(name, root) as folder:
         from saf_gen.render.exported_camera import exported_camera  # loads Mitsuba
 
-        sources = _copied_files(read, exported)
-        changed = list(_copy(sources, folder))
-        copies = {sources[file]: folder / file for file, _ in changed}
-        camera = exported_camera(read.with_copies(copies), exported)
-        texts = {"scene.yaml": _format_card(name, camera), "SOURCE.md": EXPORTED_SOURCE}
-        for file, text in texts.items():
-            (folder / file).write_text(re.sub(r"\bNAME\b", name, text), encoding="utf-8")
+        if whole is None:
+            read = read_scene_xml(exported, {}, convertible=True)
+            sources = _copied_files(read, exported)
+            changed = list(_copy(sources, folder))
+            copies = {sources[file]: folder / file for file, _ in changed}
+            camera = exported_camera(read.with_copies(copies), exported, target=target)
+            lines = [*camera.notes, *(f"mesh rewritten: {file} ({how})" for file, how in changed)]
+            written, source = list(sources), EXPORTED_SOURCE
+        else:
+            _write(whole.files, folder)
+            read = read_scene_xml(folder / "scene.xml", {})
+            camera = exported_camera(read, exported, target=target, nodes=whole.nodes)
+            lines = [*whole.lines, *camera.notes]
+            if not whole.lit:
+                camera = _add_lamp(folder / "scene.xml", camera)
+                lines.append("no lamp in the file: a lamp beside the camera and light from all around are added")
+            written = list(whole.files)
+            source = WHOLE_SOURCE.replace("FILE", exported.name).replace("LEFT_OUT", left_out_text(lines))
+        texts = {"scene.yaml": _format_card(name, camera), "SOURCE.md": re.sub(r"\bNAME\b", name, source)}
+        _write({file: text.encode() for file, text in texts.items()}, folder)
         try:
             load_scene(folder)  # checks the card
         except BadInput as refused:
@@ -126,9 +146,43 @@ def scene_from_export(
                 allowed=refused.allowed,
                 hint="change the camera and export again, or write the card by hand",
             ) from refused
-    for note in dict.fromkeys((*camera.notes, *(f"mesh rewritten: {file} ({how})" for file, how in changed))):
-        notify(note)
-    return [root / name / file for file in (*sources, *texts)]
+    for line in dict.fromkeys(lines):
+        notify(line)
+    return [root / name / file for file in (*written, *texts)]
+
+
+def _write(files: Mapping[str, bytes], folder: Path) -> None:
+    for file, data in files.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_bytes(data)
+
+
+LAMP = """\
+	<shape type="rectangle" id="lamp">
+		<transform name="to_world">
+			<scale value="{half}"/>
+			<lookat origin="{origin}" target="{target}" up="{up}"/>
+		</transform>
+		<emitter type="area"><rgb name="radiance" value="60 60 60"/></emitter>
+	</shape>
+</scene>
+"""
+"""The lamp of the template of a mesh, for a camera at any distance."""
+
+
+def _add_lamp(file: Path, camera: "ExportedCamera") -> "ExportedCamera":
+    """Add a lamp beside the camera to a scene, and return the camera with its light group."""
+    origin, target, up = (np.array(v) for v in (camera.origin_m, camera.look_at_m, camera.up))
+    ahead = (target - origin) / camera.distance_m
+    place = origin + camera.distance_m * (0.6 * np.cross(ahead, up) + 0.6 * up - 0.2 * ahead)
+    points = {"origin": place / camera.unit_m, "target": target / camera.unit_m, "up": up}
+    lamp = LAMP.format(
+        half=f"{0.16 * camera.distance_m / camera.unit_m:.6g}",
+        **{key: ", ".join(f"{value:.9g}" for value in point) for key, point in points.items()},
+    )
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("</scene>\n", lamp), encoding="utf-8")
+    return replace(camera, lights={"lamp": "lamp", **camera.lights})
 
 
 def scene_from_pictures(
@@ -282,5 +336,5 @@ lens:                                        # the field of view of the file's c
 
 lights:                                      # lamps that are switched together
 {lights}
-target: [{quoted(camera.target)}]                  # the shape in the middle of the picture
+target: [{", ".join(map(quoted, camera.target))}]                  # shapes that should be in focus
 """

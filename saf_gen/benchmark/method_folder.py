@@ -22,7 +22,7 @@ from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.errors import BadInput
 
 CARD = "method.yaml"
-HINT = "docs/how-to/add-a-plugin.md shows a card"
+HINT = "docs/add-a-method.md shows a card"
 DEFAULT_MEASURE = "sd"
 
 

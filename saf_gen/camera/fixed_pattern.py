@@ -2,7 +2,7 @@
 
 The response is the sum of a smooth surface (Legendre polynomials of columns and rows, and the product of both tilts),
 an excess of the first column and the first row, white noise of columns, rows and pixels, and a part proportional to
-dark charge. The calibration map of a real chip shows these parts: docs/explanation/spike-camera.md.
+dark charge. The calibration map of a real chip shows these parts: docs/spike-camera.md.
 """
 
 from dataclasses import dataclass

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,6 +16,7 @@ from saf_gen.cli._terminal import (
     ClusterAddress,
     Linear,
     Transfer,
+    at_work,
     err,
     out,
     print_error,
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
 SENSOR = "vidar_400x250"
 SHEETS = (".png", ".svg")
+TITLE_WIDTH = 50
 SensorName = Annotated[str, typer.Option("--sensor", help="Sensor by name, or its YAML file.")]
 Variant = Annotated[str, typer.Option(help="Renderer: auto, cuda, llvm or scalar.")]
 
@@ -63,14 +66,14 @@ def list_scenes_command(
             err.print(escape_controls(f"{folder.resolve()}: {words}"), soft_wrap=True, markup=False)
     columns = [
         Column("scene", "id"),
-        Column("title", "title", folds=True),
-        Column("light groups", "lights", ", ".join, folds=True),
-        Column("roles", lambda card: ", ".join(card.light_roles.values()), folds=True, detail=1),
-        Column("lens", "lens.summary", folds=True),
-        Column("licence", "licence", detail=1),
+        Column("title", "title", str if as_json else lambda title: shorten(title, TITLE_WIDTH, placeholder=" ...")),
+        Column("light groups", "lights", ", ".join, detail=1),
+        Column("licence", "licence", detail=2),
+        Column("lens", "lens.summary", detail=3),
+        Column("roles", lambda card: ", ".join(card.light_roles.values()), detail=4),
     ]
     cards = [find_any_scene(name).card for name in scene_names()]
-    print_table(Table(columns, cards), where_to_find="scenes/NAME/scene.yaml has them", as_json=as_json)
+    print_table(Table(columns, cards), where_to_find="saf-gen scenes show NAME has them", as_json=as_json)
 
 
 def new_scene_command(
@@ -81,9 +84,13 @@ def new_scene_command(
         Path | None,
         typer.Option(
             "--from",
-            help="Exported scene.xml to copy, or mesh (.obj, .ply, .glb, .gltf, .stl) to place; its card is written.",
+            help="Exported scene.xml or .glb with a camera to copy, or mesh (.obj, .ply, .glb, .gltf, .stl) to place;"
+            " its card is written.",
         ),
     ] = None,
+    target: Annotated[
+        str, typer.Option(help="With --from: shape or node to be in focus (default: the middle of the picture).")
+    ] = "",
 ) -> None:
     """Create a scene in ./scenes from a commented template that renders as it is.
 
@@ -97,10 +104,21 @@ def new_scene_command(
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="leave --xml out: --from also takes a scene.xml")
-        written = scene_from_export(exported, name, root=root, notify=left_out.append)
+        written = scene_from_export(exported, name, root=root, target=target, notify=left_out.append)
+    elif target:
+        raise BadInput("--target is given without --from", hint="write the target of a template on its card")
     else:
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:
+        out.print(line, soft_wrap=True)
+    if exported is not None and "<sensor" in (root / name / "scene.xml").read_text(encoding="utf-8"):
+        from saf_gen.authoring.import_check import compare_with_source
+
+        try:
+            with at_work("rendering the scene beside its source"):
+                line = compare_with_source(root / name)
+        except BadInput as refused:
+            line = f"picture: not compared with that of the source: {refused}"
         out.print(line, soft_wrap=True)
     _trust(root, empty=empty)
     out.print(
@@ -206,16 +224,17 @@ def _check(
     from saf_gen.core.finding import Finding
 
     jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
+    complete = 0
     with ExitStack() as undo, progress_bars() as bars:
         task = bars.add_task("check", total=len(jobs))
 
         def report(name: str, done: float) -> None:
-            bars.update(task, description=name)
+            bars.update(task, description=name, completed=complete + done if cluster is None else complete)
 
         ended = run_scene_jobs(jobs, report, cluster=cluster, notify=err.print)
         undo.enter_context(closing(ended))
-        for done, (job, result, error) in enumerate(ended, 1):
-            bars.update(task, completed=done)
+        for complete, (job, result, error) in enumerate(ended, 1):
+            bars.update(task, completed=complete)
             if isinstance(error, BadInput) and cluster is None:
                 raise error
             for finding in (Finding("process", "error", str(error)),) if error else result:

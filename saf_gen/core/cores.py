@@ -18,7 +18,7 @@ TRIED_ON_WINDOWS = ("encode", "inspect", "view", "evaluate")
 """Commands that a job of CI runs on Windows, without a renderer."""
 WINDOWS_ADVICE = (
     f"on Windows, only {', '.join(TRIED_ON_WINDOWS[:-1])} and {TRIED_ON_WINDOWS[-1]} are tested; use WSL2, which is a "
-    "Linux (docs/how-to/install.md#windows)"
+    "Linux (docs/install.md#windows)"
 )
 STOPPING = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 """Signals that stop a program: Ctrl-C, the end of a batch job, and a terminal that is closed."""

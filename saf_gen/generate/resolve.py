@@ -441,7 +441,7 @@ def recipe_digest(resolved: ResolvedRecipe) -> str:
 
     It covers the recipe, the members and files of its scenes, the sensor, and the versions of the models of lens, light
     and sensor. It does not cover the renderer, because LLVM and CUDA differ in the last digits of a picture
-    (docs/explanation/renderer.md#grain).
+    (docs/renderer.md#grain).
     """
     decisive = [
         (s.fingerprint(""), [spec.key for spec in s.closed_loop_stack.specs] if s.closed_loop_stack else [])

@@ -2,7 +2,7 @@
 
 The unit is the scene: the sequences of a scene share its content, so their outcomes are correlated. Each quantity has
 its own kind of interval, because no single method has the right coverage for all of them at twenty scenes.
-docs/explanation/statistics.md gives the coverage, as simulated by ``studies/ranking/interval_coverage.py``.
+docs/truth-and-ranking.md gives the coverage, as simulated by ``studies/ranking/interval_coverage.py``.
 """
 
 from collections.abc import Sequence

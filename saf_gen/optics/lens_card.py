@@ -23,7 +23,7 @@ FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
 
 
 class Aberrations(FrozenModel):
-    """How far the waves that leave a lens depart from spheres, by Seidel's sum (docs/explanation/physics.md)."""
+    """How far the waves that leave a lens depart from spheres, by Seidel's sum (docs/physics.md)."""
 
     spherical: float = Field(default=0.0, ge=-20, le=20)
     """Spherical aberration W040 at the edge of the aperture, waves."""

@@ -2,25 +2,28 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.render.mitsuba_words import parse_refusal
 from saf_gen.render.pinhole_sight import PinholeSight
-from saf_gen.render.render_setup import SensorGrid, film_dict
-from saf_gen.scene.xml import SceneXml
+from saf_gen.render.render_setup import SensorGrid, film_dict, render_with_camera
+from saf_gen.render.scene_values import check_values, worst_hue
+from saf_gen.scene.xml import Element, SceneXml, read_scene_xml
 
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
-MIN_F_NUMBER, DEFAULT_F_NUMBER, MAX_F_NUMBER = (1.0, 2.0, 64.0)  # default for a pinhole; a card allows up to 64
+MIN_F_NUMBER, DEFAULT_F_NUMBER = 1.0, 2.0  # default for a pinhole
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,8 @@ class ExportedCamera:
         F-number, 1 to 64.
     lights : dict of str to str
         Emitter of each light group.
-    target : str
-        Id of the shape that the optical axis meets.
+    target : tuple of str
+        Ids of the shapes that should be in focus.
     distance_m : float
         Distance to the target, in metres.
     unit_m : float
@@ -60,16 +63,18 @@ class ExportedCamera:
     focal_length_mm: float
     f_number: float
     lights: dict[str, str]
-    target: str
+    target: tuple[str, ...]
     distance_m: float
     unit_m: float = 1.0
     notes: tuple[str, ...] = ()
 
 
-def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
+def exported_camera(
+    read: SceneXml, path: Path, *, target: str = "", nodes: Mapping[str, str] = MappingProxyType({})
+) -> ExportedCamera:
     """Return the first perspective camera of a scene, aimed at the first opaque surface behind all clear ones.
 
-    Units are metres, unless no lens could focus at such distances and another unit explains them.
+    Units are metres, unless the lens could not blur the target: then they are the largest power of ten at which it can.
 
     Parameters
     ----------
@@ -77,6 +82,10 @@ def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
         Scene that was read from the file.
     path : Path
         File of the scene, for messages.
+    target : str, optional
+        Id of a shape, or node, that should be in focus instead.
+    nodes : mapping of str to str, optional
+        Node of each shape, by its id; the shapes of a node are one target.
 
     Returns
     -------
@@ -86,90 +95,220 @@ def exported_camera(read: SceneXml, path: Path) -> ExportedCamera:
     Raises
     ------
     BadInput
-        If the scene has no perspective camera, no lamp, or nothing in the middle of the image, if the camera is
-        invalid, or if its aperture is smaller than a card allows.
+        If the scene has no perspective camera, no lamp, no such target, or nothing in the middle of the image, if the
+        camera is invalid, or if no scale lets its lens blur the target.
     """
     backend.activate_backend("scalar")
     described = mitsuba_scene.parse_scene_dict(read.text, path)
+    check_values(described, where=str(path))
+    hues = worst_hue(described)
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
-    props, others = _first_camera(read.cameras, path)
-    origin, ahead, up = _pose(props, path)
+    props, film, others = _first_camera(read, path)
+    pose = _pose(props, path)
+    origin, ahead, up = pose
+    size = _film_size(film)
+    half = math.tan(math.radians(_field_of_view(props, size, path=path)) / 2)
     loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2, where=str(path))
-    sight = PinholeSight(loaded, ())
+    if target:
+        names = _named(target, mitsuba_scene.shape_names(described), nodes=nodes, path=path)
+        units = _distance(loaded, names, pose=pose, half=half, path=path)
+    else:
+        seen, units = _in_the_middle(loaded, origin=origin, ahead=ahead, path=path)
+        names = tuple(name for name, node in nodes.items() if node == nodes.get(seen)) or (seen,)
+    image = SENSOR_WIDTH_M / 2 / half
+    unit_m, f_number, scale_notes = _scale(props, units, image_m=image, path=path)
+    distance = units * unit_m
+    return ExportedCamera(
+        name=f"{props.plugin_name()} {props.id()}",
+        origin_m=tuple((origin * unit_m).tolist()),
+        look_at_m=tuple(((origin + units * ahead) * unit_m).tolist()),
+        up=tuple(up.tolist()),
+        focal_length_mm=1e3 / (1 / image + 1 / distance),
+        f_number=f_number,
+        lights=_light_groups(lamps),
+        target=names,
+        distance_m=distance,
+        unit_m=unit_m,
+        notes=(
+            *scale_notes,
+            *_left_out(props, others, read=read, film=film, units=units),
+            *_turned_away(loaded, pose=pose, half=half),
+            *((hues,) if hues else ()),
+        ),
+    )
+
+
+def _in_the_middle(scene: Any, *, origin: np.ndarray, ahead: np.ndarray, path: Path) -> tuple[str, float]:
+    """Return the shape in the middle of the picture, and its distance (scene units)."""
+    sight = PinholeSight(scene, ())
     ends = sight.follow(origin[None], ahead[None])
     if not ends.seen[0]:
         raise BadInput(
             "nothing is in the middle of the camera's image",
             where=str(path),
-            hint="aim the camera at the target, and export again",
+            hint="aim the camera at the target and export again, or name the target with --target",
         )
     # The line may go on through clear surfaces, and end behind them or nowhere.
     number, instance, point = ends.at_last(0)
-    units = float(ahead @ (point - origin))
-    unit_m, unit_note = _guess_unit(units, field=_field_of_view(props, path))
-    distance = units * unit_m
-    image = SENSOR_WIDTH_M / 2 / math.tan(math.radians(_field_of_view(props, path)) / 2)
-    focal = 1 / (1 / image + 1 / distance)
-    f_number, f_note = _f_number(props, focal_length_m=focal, unit_m=unit_m, path=path)
-    return ExportedCamera(
-        name=f"{props.plugin_name()} camera",
-        origin_m=tuple((origin * unit_m).tolist()),
-        look_at_m=tuple(((origin + units * ahead) * unit_m).tolist()),
-        up=tuple(up.tolist()),
-        focal_length_mm=focal * 1e3,
-        f_number=f_number,
-        lights=_light_groups(lamps),
-        target=sight.name_of(instance) or sight.name_of(number),
-        distance_m=distance,
-        unit_m=unit_m,
-        notes=(*unit_note, *f_note, *_left_out(props, others, read=read, units=units)),
+    return sight.name_of(instance) or sight.name_of(number), float(ahead @ (point - origin))
+
+
+def _named(target: str, shapes: list[str], *, nodes: Mapping[str, str], path: Path) -> tuple[str, ...]:
+    """Return the shapes with this id, or of the node with this name."""
+    names = tuple(name for name in shapes if target in (name, nodes.get(name)))
+    if not names:
+        raise unknown("target", target, allowed={**dict.fromkeys(nodes.values() or shapes)}, where=str(path))
+    return names
+
+
+def _rays(pose: tuple[np.ndarray, ...], *, half: float) -> np.ndarray:
+    """Return the directions of the pixels of a picture of 40 × 25 pixels, float64 (pixel, 3)."""
+    _, ahead, up = pose
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(-1, 1, 40), np.linspace(-1, 1, 25) * 25 / 40))
+    rays = ahead + half * (x[:, None] * np.cross(ahead, up) + y[:, None] * up)
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _turned_away(scene: Any, *, pose: tuple[np.ndarray, ...], half: float) -> Iterator[str]:
+    """Yield a line for the shapes that are black because most of what is seen of them is their back side."""
+    seen, backs = Counter[str](), Counter[str]()
+    origin: Any = mi.ScalarPoint3f(pose[0])
+    for direction in _rays(pose, half=half):
+        ray: Any = mi.ScalarVector3f(direction)
+        hit = scene.ray_intersect(mi.Ray3f(origin, ray))
+        if hit.is_valid() and not hit.shape.is_emitter():
+            name = hit.shape.id()
+            seen[name] += 1
+            backs[name] += not mi.has_flag(hit.bsdf().flags(), mi.BSDFFlags.BackSide) and hit.wi.z <= 0
+    if names := [name for name, count in seen.items() if 2 * backs[name] > count]:
+        yield f"surfaces that turn their back to the lens are black: {', '.join(names)} (make them twosided)"
+
+
+def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...], half: float, path: Path) -> float:
+    """Return the median distance (scene units) of a target in a picture of 40 × 25 pixels."""
+    origin, ahead, _ = pose
+    rays = _rays(pose, half=half)
+    ends = PinholeSight(scene, names).follow(np.tile(origin, (len(rays), 1)), rays)
+    if not ends.on_target.any():
+        raise BadInput(
+            f"the camera does not see {names[0]!r}", where=str(path), hint="aim it, or choose another target"
+        )
+    return float(np.median((ends.point[ends.on_target] - origin) @ ahead))
+
+
+def source_picture(path: Path, grid: SensorGrid, *, samples: int) -> np.ndarray:
+    """Return the luminance of what the first perspective camera of a scene sees as a pinhole, float32 (row, col).
+
+    Mitsuba renders it in RGB, with light along paths of up to six segments, and with the width of the file's picture.
+
+    Raises BadInput if the scene cannot be read or has no such camera.
+    """
+    backend.activate_backend("scalar")
+    read = read_scene_xml(path, {})
+    described = mitsuba_scene.parse_scene_dict(read.text, path)
+    lamps = tuple(mitsuba_scene.emitter_names(described))
+    loaded, integrator = mitsuba_scene.load_lit_scene(described, lamps, max_depth=6, where=str(path))
+    props, film, _ = _first_camera(read, path)
+    pose = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
+    pose[:, :3] /= np.linalg.norm(pose[:, :3], axis=0)  # a camera may be scaled, and Mitsuba refuses that
+    kept = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
+    camera = mi.load_dict(
+        {
+            "type": "perspective",
+            **{key: props[key] for key in kept if key in props},
+            "to_world": mi.ScalarTransform4f(pose.tolist()),
+            "fov_axis": "x",
+            "fov": _field_of_view(props, _film_size(film), path=path),
+            "film": film_dict(grid),
+            "sampler": {"type": "independent", "sample_count": samples},
+        }
     )
+    image = render_with_camera(loaded, camera, integrator=integrator, samples=samples)
+    return image.reshape(grid.rows, grid.columns)
 
 
-MIN_BLUR_PX = 4.0  # at the ends of the travel that the card gets; with less, no method finds the focus
-UNITS = {"metres": 1.0, "centimetres": 1e-2, "millimetres": 1e-3, "micrometres": 1e-6}
+MIN_BLUR_PX = 4.0  # at an end of the travel that the card gets; with less, no method finds the focus
 TRAVEL = (1.5, 0.75)  # object distances in focus at positions 0 and 1, over the target's distance
+SMALLEST = 9  # the scale of a scene is no smaller than this power of a tenth
 
 
-def fitting_units(distance: float, *, image_m: float) -> dict[str, float]:
-    """Return the units, and their metres, in which a lens of f/1 can blur a target at this distance.
+def blur_px(distance_m: float, *, image_m: float, f_number: float) -> float:
+    """Return the blur of a target at an end of the travel, in pixels of the reference sensor.
 
-    ``image_m`` is the distance of the sensor from the lens (m). The lens travels from 0.75 to 1.5 times the distance;
-    the blur at the worse end is at least 4 pixels of the reference sensor. Objects nearer than three image distances
-    are left out.
+    ``image_m`` is the distance of the sensor from the lens (m) that focuses on the target.
     """
-    fit = {}
-    for name, unit_m in UNITS.items():
+    focal = 1 / (1 / image_m + 1 / distance_m)
+    blurs = []
+    for u in (ratio * distance_m for ratio in TRAVEL):
+        v = 1 / (1 / focal - 1 / u) if u > focal else math.inf
+        blurs.append(focal / f_number * v * abs(1 / distance_m - 1 / u))
+    return max(blurs) / REFERENCE_GRID.pitch_m
+
+
+def fitting_scale(distance: float, *, image_m: float, radius: float = 0.0) -> tuple[float, float] | None:
+    """Return the largest power of ten, 1 or less, of metres per unit at which a lens blurs a target, and its f-number.
+
+    A scaled target is farther away than the sensor is from the lens. The result is None if no power does.
+
+    Parameters
+    ----------
+    distance : float
+        Distance of the target, in units.
+    image_m : float
+        Distance of the sensor from the lens, in metres.
+    radius : float, default 0.0
+        Radius of the aperture in units; 0 stands for f/2.
+    """
+    for power in range(SMALLEST + 1):
+        unit_m = float(f"1e-{power}")
         distance_m = distance * unit_m
-        diameter = 1 / (1 / image_m + 1 / distance_m)  # of a lens of f/1, its focal length
-        blur = diameter * image_m * (1 / min(TRAVEL) - 1) / distance_m
-        if distance_m > 3 * image_m and blur >= MIN_BLUR_PX * REFERENCE_GRID.pitch_m:
-            fit[name] = unit_m
-    return fit
+        if power and distance_m <= image_m:
+            return None
+        f_number = max(_f_number(distance_m, image_m=image_m, radius_m=radius * unit_m), MIN_F_NUMBER)
+        if blur_px(distance_m, image_m=image_m, f_number=f_number) >= MIN_BLUR_PX:
+            return unit_m, f_number
+    return None
 
 
-def _guess_unit(units: float, *, field: float) -> tuple[float, tuple[str, ...]]:
-    """Return the metres per unit of a file, and a note if they are not metres for certain.
+def _f_number(distance_m: float, *, image_m: float, radius_m: float) -> float:
+    return 1 / (1 / image_m + 1 / distance_m) / (2 * radius_m) if radius_m else DEFAULT_F_NUMBER
 
-    Evidence against metres: at the target's distance no lens of f/1 with this field of view (degrees) blurs anything.
+
+def _scale(props: Any, units: float, *, image_m: float, path: Path) -> tuple[float, float, tuple[str, ...]]:
+    """Return the metres per unit of a file, the f-number, and notes about both.
+
+    A scene in which the lens would be in focus everywhere is made smaller.
     """
-    fit = fitting_units(units, image_m=SENSOR_WIDTH_M / 2 / math.tan(math.radians(field) / 2))
-    if "metres" in fit or not fit:
-        return 1.0, ()
-    far = f"the target is {units:.4g} units away, too far for any blur if they are metres"
-    if len(fit) > 1:
-        choices = " or ".join(f"{unit_m:g} for {name}" for name, unit_m in fit.items())
-        return 1.0, (f"units: {far}; set unit_m on the card ({choices}) and scale its lengths in metres by the same",)
-    [(name, unit_m)] = fit.items()
-    return unit_m, (f"units: {far}; the scene looks like {name}, so the card has unit_m: {unit_m:g}",)
+    radius = _aperture_radius(props, path)
+    fit = fitting_scale(units, image_m=image_m, radius=radius)
+    stated = _f_number(units, image_m=image_m, radius_m=radius)
+    blur = blur_px(units, image_m=image_m, f_number=max(stated, MIN_F_NUMBER))
+    text = f"{units:.4g} m away, f/{stated:.3g} blurs the target by {blur:.2g} pixels at the ends of the travel"
+    if fit is None:
+        raise BadInput(
+            f"{text}, and no smaller scale helps",
+            where=str(path),
+            allowed=f"{MIN_BLUR_PX:g} pixels or more",
+            hint="make the field of view narrower, open the aperture, or set it to 0, for which the card states f/2",
+        )
+    unit_m, f_number = fit
+    notes = []
+    if unit_m < 1:
+        notes.append(f"scale: {text}; so the card has unit_m: {unit_m:g}, and it is {units * unit_m:.3g} m away")
+    if not radius:
+        notes.append(f"aperture: the camera is a pinhole, so the card says f/{DEFAULT_F_NUMBER:g}")
+    elif f_number == MIN_F_NUMBER:
+        wide = f"aperture_radius {radius:g} is f/{stated:.2g}, wider than any lens"
+        notes.append(f"aperture: {wide}, so the card says f/{MIN_F_NUMBER:g}")
+    return unit_m, f_number, tuple(notes)
 
 
-def _left_out(props: Any, others: list[str], *, read: SceneXml, units: float) -> Iterator[str]:
+def _left_out(props: Any, others: list[str], *, read: SceneXml, film: Element | None, units: float) -> Iterator[str]:
     """Yield a line for each setting of the file that changes its picture but not that of the card."""
     for name in others:
-        yield f"camera ignored: {name} (the first perspective camera is taken)"
+        yield f"camera ignored: {name} (the first perspective camera is taken, {props.id()!r})"
     for key, axis in (("principal_point_offset_x", "sideways"), ("principal_point_offset_y", "up or down")):
         if shift := _number(props, key):
             yield f"lens shift ignored: {key} {shift:g}, so the picture moves {axis} by {abs(shift):.0%} of its width"
@@ -194,23 +333,24 @@ def _left_out(props: Any, others: list[str], *, read: SceneXml, units: float) ->
             yield f"integrator ignored: {kind} (pictures have all light along complete paths)"
         if element.tag == "integrator" and values.get("hide_emitters") == "true":
             yield "hide_emitters ignored: lamps are visible"
-        if element.tag == "film" and {"crop_width", "crop_height", "crop_offset_x", "crop_offset_y"} & values.keys():
+        if element is film and {"crop_width", "crop_height", "crop_offset_x", "crop_offset_y"} & values.keys():
             yield "crop of the film ignored: the sensor shows the full field of view"
-        if element.tag == "film" and (note := _aspect_note(values)):
-            yield note
+    (width, height), ours = _film_size(film), REFERENCE_GRID.columns / REFERENCE_GRID.rows
+    if abs(width / height / ours - 1) >= 0.01:
+        change = "more is seen" if width / height > ours else "less is seen"
+        yield f"film size ignored: {width} × {height} (the width is kept; {change} at the top and bottom of 400 × 250)"
     for name in read.media:
         yield f"medium ignored: {name} (no fog, and no scattering inside)"
 
 
-def _aspect_note(values: dict[str | None, str | None]) -> str:
+def _film_size(film: Element | None) -> tuple[int, int]:
+    """Return the columns and rows of a film, those of the reference sensor if they are not stated."""
+    values = {c.attributes.get("name"): c.attributes.get("value") or "" for c in film.children} if film else {}
     try:
-        width, height = float(values["width"] or ""), float(values["height"] or "")
+        width, height = int(values["width"]), int(values["height"])
     except (KeyError, ValueError):
-        return ""
-    ours = REFERENCE_GRID.columns / REFERENCE_GRID.rows
-    if abs(width / height / ours - 1) < 0.01:
-        return ""
-    return f"film size ignored: {width:g} × {height:g} (the sensor is 400 × 250, so the picture has another height)"
+        return REFERENCE_GRID.columns, REFERENCE_GRID.rows
+    return (width, height) if 0 < min(width, height) <= max(width, height) < 1 << 16 else (400, 250)
 
 
 def _number(props: Any, key: str) -> float:
@@ -219,14 +359,14 @@ def _number(props: Any, key: str) -> float:
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
 
 
-def _first_camera(cameras: str, path: Path) -> tuple[Any, list[str]]:
-    """Return the properties of the first perspective camera, upgraded from older versions of Mitsuba.
+def _first_camera(read: SceneXml, path: Path) -> tuple[Any, Element | None, list[str]]:
+    """Return the properties of the first perspective camera, upgraded from older versions of Mitsuba, and its film.
 
     The names of all other cameras are returned too.
     """
     config = mi.parser.ParserConfig("scalar_rgb")
     try:
-        state = mi.parser.parse_string(config, cameras)
+        state = mi.parser.parse_string(config, read.cameras)
         mi.parser.transform_upgrade(config, state)
     except (RuntimeError, ValueError, TypeError) as error:
         raise parse_refusal(error, path) from error
@@ -234,7 +374,7 @@ def _first_camera(cameras: str, path: Path) -> tuple[Any, list[str]]:
     names = [f"{props.plugin_name()} {props.id()!r}" for props in sensors]
     for n, props in enumerate(sensors):
         if props.plugin_name() in ("perspective", "thinlens"):
-            return props, names[:n] + names[n + 1 :]
+            return props, read.films[n], names[:n] + names[n + 1 :]
     raise BadInput(
         f"the scene has no perspective camera{', but ' + ', '.join(names) if names else ''}",
         where=str(path),
@@ -254,15 +394,16 @@ def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return matrix[:3, 3], ahead, up
 
 
-def _field_of_view(props: Any, path: Path) -> float:
-    """Return the horizontal field of view (degrees) on our 8:5 sensor, as Mitsuba computes it.
+def _field_of_view(props: Any, size: tuple[int, int], *, path: Path) -> float:
+    """Return the horizontal field of view (degrees) on a film of this many columns and rows, as Mitsuba computes it.
 
     The file states a field of view along some axis, or, as text, the focal length of a lens with the same diagonal
     field on a frame of 36 × 24 mm. If it states neither, the focal length is 50 mm.
     """
     properties = {key: props[key] for key in ("fov", "fov_axis", "focal_length") if key in props}
     try:
-        camera = mi.load_dict({"type": "perspective", **properties, "film": film_dict(REFERENCE_GRID)})
+        film = {"type": "hdrfilm", "width": size[0], "height": size[1]}
+        camera = mi.load_dict({"type": "perspective", **properties, "film": film})
     except (RuntimeError, ValueError, TypeError) as error:
         message = re.split(r"\[[\w.]+:\d+\] ", str(error))[-1]
         raise BadInput(f"the camera's field of view: {message}", where=str(path)) from error
@@ -274,11 +415,8 @@ def _field_of_view(props: Any, path: Path) -> float:
     return field
 
 
-def _f_number(props: Any, *, focal_length_m: float, unit_m: float, path: Path) -> tuple[float, tuple[str, ...]]:
-    """Return the f-number of the file's aperture, at least 1, and a note if the file says otherwise.
-
-    A camera without an aperture radius, or with a radius of 0, is a pinhole and gets f/2.
-    """
+def _aperture_radius(props: Any, path: Path) -> float:
+    """Return the radius of the file's aperture in units of the file, 0 for a pinhole."""
     radius = props.get("aperture_radius", 0.0)
     if not (isinstance(radius, int | float) and 0 <= radius < math.inf):
         raise BadInput(
@@ -286,20 +424,7 @@ def _f_number(props: Any, *, focal_length_m: float, unit_m: float, path: Path) -
             where=str(path),
             allowed="a length in metres, or 0 for a pinhole",
         )
-    if radius == 0:
-        return DEFAULT_F_NUMBER, (f"aperture: the camera is a pinhole, so the card says f/{DEFAULT_F_NUMBER:g}",)
-    f_number = focal_length_m / (2 * radius * unit_m)
-    if f_number > MAX_F_NUMBER:
-        raise BadInput(
-            f"aperture_radius of the camera is {radius:g}, which is f/{f_number:.4g} with a sensor of 8 mm",
-            where=str(path),
-            allowed=f"up to f/{MAX_F_NUMBER:g}, which is {focal_length_m / 2 / MAX_F_NUMBER:.2g} m or more",
-            hint="open the aperture, or set it to 0, for which the card states f/2",
-        )
-    if f_number < MIN_F_NUMBER:
-        wide = f"aperture_radius {radius:g} is f/{f_number:.2g}, wider than any lens"
-        return MIN_F_NUMBER, (f"aperture: {wide}, so the card says f/{MIN_F_NUMBER:g}",)
-    return f_number, ()
+    return float(radius)
 
 
 def _light_groups(lamps: list[str]) -> dict[str, str]:

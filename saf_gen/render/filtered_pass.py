@@ -18,7 +18,7 @@ the paths of several moments, each with a quarter as many paths. Shading that ha
 found from the paths of the latest moment alone.
 
 The result is biased where shading changes within a cell; the bias falls as the number of samples grows
-(docs/explanation/renderer.md#shared-shading).
+(docs/renderer.md#shared-shading).
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

@@ -121,6 +121,19 @@ def _own_attributes(held: Any) -> list[str]:
     return sorted(names - {POSITIONS, NORMALS, UV})
 
 
+def black_triangles(held: Any) -> int:
+    """Return the number of triangles of some size whose normals have no length, in a traversed shape."""
+    if NORMALS not in held:  # a rectangle
+        return 0
+    normals, points = (np.array(held[key]).reshape(-1, 3) for key in (NORMALS, POSITIONS))
+    dark = ~(np.abs(normals) > 1e-6).any(axis=1)
+    if not dark.any():
+        return 0
+    faces = np.array(held[FACES]).reshape(-1, 3)
+    a, b, c = (points[faces[dark[faces].all(axis=1), k]] for k in range(3))
+    return int((np.cross(b - a, c - a) != 0).any(axis=1).sum())
+
+
 def make_mesh(
     name: str,
     positions: np.ndarray,

@@ -24,6 +24,7 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.render import meshes
 from saf_gen.render.backend import read_picture
 from saf_gen.render.mitsuba_words import load_refusal, parse_refusal
+from saf_gen.render.scene_values import check_meshes, check_values
 from saf_gen.scene.keyframes import RigidMotion
 from saf_gen.scene.scene_folder import Scene
 from saf_gen.scene.xml import ALLOWED_PLUGINS, read_scene_xml
@@ -39,8 +40,9 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
     """
     with meshes.normals_in_order():
         described = _read_geometry(scene)
+    check_values(described, where=str(scene.folder / ("scene.py" if scene.has_script else "scene.xml")))
     lamps = emitter_names(described)
-    shapes = [name for name, entry in described.items() if _is_shape(entry)] + list(instances_by_shape(described))
+    shapes = shape_names(described)
     card = str(scene.folder / "scene.yaml")
     for group, names in scene.card.lights.items():
         for name in names:
@@ -54,6 +56,11 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
         if name not in listed:
             raise BadInput(f"the emitter {name!r} belongs to no light group", where=card, hint="list it under lights")
     return described
+
+
+def shape_names(described: Mapping[str, Any]) -> list[str]:
+    """Return the names of the entries that may be a target: shapes, and shapes that instances show."""
+    return [name for name, entry in described.items() if _is_shape(entry)] + list(instances_by_shape(described))
 
 
 def emitter_names(described: Mapping[str, Any]) -> list[str]:
@@ -117,6 +124,7 @@ def load_lit_scene(
         meshes.settle_files(loaded, {"type": "scene", **lit})
     except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise load_refusal(error, names=tuple(lit), where=where) from error
+    check_meshes(loaded, described, where=where)
     integrator = mi.load_dict({"type": "path", "max_depth": max_depth, "hide_emitters": False})
     return loaded, integrator
 

@@ -419,14 +419,16 @@ def _digest(folder: Path, card: SceneCard) -> str:
 
 
 MAX_FILES = 100_000  # files and folders of a scene; a link to an entire disk would lead to more
-PROSE, PREVIEW_NAME = (".md", "preview.png")  # files that affect no rendered pixel; the preview at the top level only
+COMPARISON = "import.png"
+"""The picture of an imported scene beside its source's."""
+PROSE, DRAWN = ".md", ("preview.png", COMPARISON)  # files that affect no rendered pixel; the latter at the top level
 
 
 def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_links: bool) -> str:
     """Return the SHA-256 (hex) over the names and bytes of a folder's files.
 
-    Markdown files, and ``preview.png`` at the top level, are left out. Files of a linked folder count under the name of
-    the link.
+    Markdown files, and ``preview.png`` and ``import.png`` at the top level, are left out. Files of a linked folder
+    count under the name of the link.
 
     Parameters
     ----------
@@ -447,7 +449,7 @@ def folder_digest(folder: Path, *, contents: Mapping[str, bytes], allow_outside_
     try:
         for path in sorted({*_list_files(folder, allow_outside_links), *(folder / name for name in contents)}):
             name = path.relative_to(folder).as_posix()
-            if path.suffix != PROSE and name != PREVIEW_NAME:
+            if path.suffix != PROSE and name not in DRAWN:
                 content = contents[name] if name in contents else path.read_bytes()
                 sha.update(f"{name}\0{len(content)}\0".encode() + content)
     except OSError as error:

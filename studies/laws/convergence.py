@@ -287,7 +287,7 @@ LAWS = (
         "At the samples per pixel of our recipes, grain is below the noise of the sensor; `evaluate` warns of a "
         "dataset with far too few samples.",
         "grain rms ≤ √(fixed pattern² + (1/6 + F·m)/m²), m = rate × 100 frames",
-        "Grain: docs/explanation/renderer.md#grain; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
+        "Grain: docs/renderer.md#grain; fixed pattern: BIT-Vision/SpikeNeRF calibration maps",
         "Scenes at rest with 64 samples per pixel, whose grain is read from each recording, and again with one "
         "sample; the warnings of `evaluate`.",
         "The noise of the sensor in a block of 100 frames at a rate of 0.2.",
@@ -298,7 +298,7 @@ LAWS = (
         "At the 129 positions of our recipes, the focus curve differs from the curve at 513 positions by less than "
         "the scatter of one recording.",
         "|mean SD(129) − mean SD(513)| ≤ sd of SD in one recording",
-        "Linear interpolation between positions (docs/explanation/physics.md, *Radiometry and exposure*)",
+        "Linear interpolation between positions (docs/physics.md, *Radiometry and exposure*)",
         "A chequered plane swept by a lens at f/1.4, with several seeds, at 129 and at 513 positions.",
         "One standard deviation of the SD of one recording; the noise of the means is subtracted.",
         _check_positions,
@@ -308,7 +308,7 @@ LAWS = (
         "At the time slices per second that their cards state, mixing two slices changes the pictures of moving scenes "
         "by less than the noise of the sensor; `recipes check` warns of a recipe with fewer slices.",
         "rms(counts at the card's slices − at four times as many) / mean ≤ √(fixed pattern² + (1/6 + F·m)/m²)",
-        "Linear interpolation between slices (docs/explanation/physics.md, *What is not modelled*)",
+        "Linear interpolation between slices (docs/physics.md, *What is not modelled*)",
         "The middle of the picture of two moving scenes, swept, at 16 samples per pixel as in our recipes, compared "
         "with four times as many slices at 64 samples; two recordings of each, whose grain counts as error. The "
         "warnings of `recipes check`.",
@@ -320,7 +320,7 @@ LAWS = (
         "Half way between two slices, cross-fading has reduced the contrast of texture with f cycles per pixel that "
         "moves by d pixels per slice.",
         "dip of C² = (1 − cos 2πfd)/2; between: |1 − w + w·e^(2πifd)|²",
-        "The sum of two sines with different phases (docs/explanation/physics.md, *What is not modelled*)",
+        "The sum of two sines with different phases (docs/physics.md, *What is not modelled*)",
         "Stripes with a period of 12 pixels that move by 1 to 4.5 pixels per slice of 200 frames; the first harmonic "
         "of the counts of 20 frames.",
         "The scatter between rows, at the slices and between them (one false alarm in 10,000 runs).",

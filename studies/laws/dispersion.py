@@ -216,7 +216,7 @@ LAWS = (
         "dispersion_dark_offset",
         "Dark charge adds its spread to SD; this part falls with the square of the light.",
         "E[SD] = (Var over pixels of n·d + V)/m², m = n·(q + d)/θ",
-        "The variance of a sum (docs/explanation/spike-camera.md)",
+        "The variance of a sum (docs/spike-camera.md)",
         "Even light at five levels over dark charge, windows of 1,000 frames, and a dark recording of the same device.",
         f"{_SCATTER}, with each pixel compared with itself in the dark; and the rounding of the dark recording to "
         "whole spikes.",

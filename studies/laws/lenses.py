@@ -21,7 +21,7 @@ WAVE_M = 555e-9
 HEIGHT_M = 4e-3
 """Where the aberrations off the axis are stated, and where the edge is."""
 MODEL_OF_RAYS = 0.03
-"""Largest error of the transfer of turned and bent rays up to Nyquist (docs/explanation/physics.md)."""
+"""Largest error of the transfer of turned and bent rays up to Nyquist (docs/physics.md)."""
 
 
 def liquid_lens(waves: float, **keys: Any) -> dict[str, Any]:
@@ -476,7 +476,7 @@ def _check_glare(maker: DatasetMaker, quick: bool) -> Finding:
 EDGE_M, OBJECT_M = 0.0805, 1.0
 """Where the edge is, which the double Gauss shows about 4.4 mm from the middle of the sensor."""
 FIT_ERROR_PX = 0.04
-"""Largest distance between fitted rays and traced ones on the sensor, pixels (docs/how-to/lens.md)."""
+"""Largest distance between fitted rays and traced ones on the sensor, pixels (docs/lenses.md)."""
 
 
 def _check_double_gauss(maker: DatasetMaker, quick: bool) -> Finding:

@@ -169,7 +169,7 @@ LAWS = (
         "light_ramp",
         "Under a linear ramp of light, counts follow the light, without a staircase of whole intervals.",
         "E[count] = Σ q(t)/(θ + ℓ·q(t))",
-        "The law of rates (docs/explanation/spike-camera.md); a hard reset would give 1/⌈θ/q⌉",
+        "The law of rates (docs/spike-camera.md); a hard reset would give 1/⌈θ/q⌉",
         "Even light that rises from a rate of 0.05 to 0.8; 39 windows.",
         "The scatter between pixels (one false alarm in 10,000 runs), and the change of light within an interval times "
         "the loss at a spike.",

@@ -26,7 +26,7 @@ POSITIONS, FRAMES = 65, 8000
 def lens_at(drive: str, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return image distance v, object distance u and stage motion z at each position, and aperture radius R, in metres.
 
-    z is the distance by which the stage has moved the scene towards the lens. docs/explanation/physics.md has the
+    z is the distance by which the stage has moved the scene towards the lens. docs/physics.md has the
     formulas.
     """
     keys, p = DRIVES[drive], np.asarray(position, np.float64)
@@ -182,7 +182,7 @@ def _check_breathing(maker: DatasetMaker, quick: bool) -> Finding:
 
 MODEL_OF_WAVES = 0.039
 """Largest error of the transfer computed by ray bending, below Nyquist, at R/v = 0.024 and 0 to 1.5 waves of defocus
-(docs/explanation/renderer.md#waves)."""
+(docs/renderer.md#waves)."""
 WAVE_LENS = {"focal_length_mm": 50.0, "f_number": 15.63, "focus_range_m": [0.2313, 0.1777]}
 ANGLE_DEG = 5.0
 

@@ -14,8 +14,6 @@ from saf_gen.core.files import atomic_file, write_text
 from studies.laws.law import FALSE_ALARM, Comparison, Finding, Law, Plot
 
 PAGE, PICTURES = "validation.md", "pictures"
-LISTED_FIGURES = 8
-"""Number of figures listed per law, those that use most of their tolerance; figures that fail are all listed."""
 COLOURS = ("#1f5fa8", "#c0392b", "#2a8a4a", "#8a5a00", "#6b3fa0", "#007c8a", "#a83279", "#555555")
 SIZE_INCHES, DOTS_PER_INCH = (6.4, 2.7), 100
 
@@ -121,20 +119,23 @@ def _section(law: Law, found: Finding) -> list[str]:
 
 
 def _figures(comparisons: tuple[Comparison, ...]) -> list[str]:
-    """Return the table of figures, failing ones first, then by the tolerance used, and a note on those left out."""
+    """Return the figure that uses most of its tolerance, and, if any fails, all that fail as a table."""
     ordered = sorted(comparisons, key=lambda one: (one.passed, -one.tolerance_used))
-    shown = ordered[: max(LISTED_FIGURES, sum(not one.passed for one in ordered))]
-    lines = ["| figure | measured (95 %) | law | allowed | |", "|---|---|---|---|---|"]
-    for one in shown:
-        step = (one.at_most - one.at_least) / 20
-        low, high, measured, law = (format_number(x, step) for x in (one.low, one.high, one.measured, one.expected))
-        interval = f" ({low} to {high})" if math.isfinite(one.low) else ""
-        unit, passed = f" {one.unit}" if one.unit else "", "" if one.passed else "**fails**"
-        law = law if math.isfinite(one.expected) else "–"
-        lines.append(f"| {one.what} | {measured}{unit}{interval} | {law} | {_allowed(one, step)} | {passed} |")
-    if len(shown) < len(ordered):
-        lines += ["", f"The other {len(ordered) - len(shown)} figures use less of their tolerance."]
-    return lines
+    failing = [_cells(one) for one in ordered if not one.passed]
+    if failing:
+        head = ["| figure | measured (95 %) | law | allowed | |", "|---|---|---|---|---|"]
+        return head + [f"| {' | '.join(cells)} | **fails** |" for cells in failing]
+    what, measured, law, allowed = _cells(ordered[0])
+    return [f"Nearest to its bound of {len(ordered)}: {what}, {measured}; law {law}, allowed {allowed}."]
+
+
+def _cells(one: Comparison) -> tuple[str, str, str, str]:
+    """Return what a figure is, its value with its interval, its law, and what is allowed."""
+    step = (one.at_most - one.at_least) / 20
+    low, high, measured, law = (format_number(x, step) for x in (one.low, one.high, one.measured, one.expected))
+    interval = f" ({low} to {high})" if math.isfinite(one.low) else ""
+    unit = f" {one.unit}" if one.unit else ""
+    return one.what, f"{measured}{unit}{interval}", law if math.isfinite(one.expected) else "–", _allowed(one, step)
 
 
 def _allowed(one: Comparison, step: float) -> str:

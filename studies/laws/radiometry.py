@@ -20,7 +20,7 @@ F_NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)
 SETTLED = 100
 """Frames that are left out at the beginning of a recording."""
 UNEVEN = 1e-5
-"""Relative unevenness that bends by waves leave in even light (docs/explanation/renderer.md#waves)."""
+"""Relative unevenness that bends by waves leave in even light (docs/renderer.md#waves)."""
 
 
 def rounding_error(rate: float) -> float:
@@ -269,7 +269,7 @@ LAWS = (
         "radiometry_decades",
         "The firing rate follows the light over five decades, and saturates by the law of the sensor.",
         "subtract: min(1, q/(θ + ℓ·q)); dead_readout: 1/(1 + θ/q)",
-        "Acnext/SCSim; BIT-Vision/RSIR and SpikeNeRF calibrations (docs/explanation/spike-camera.md, *Saturation*)",
+        "Acnext/SCSim; BIT-Vision/RSIR and SpikeNeRF calibrations (docs/spike-camera.md, *Saturation*)",
         "Even light from 10⁻⁵ to 3.16 thresholds per readout, with both laws of saturation, in 20,000 frames of 16,000 "
         "pixels.",
         f"{_TOLERANCE}, which is 0.3 % at 10⁻⁵. For dead_readout, the effect of the ends of the window, because phases "

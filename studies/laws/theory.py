@@ -1,4 +1,4 @@
-"""Closed forms with which several checks compare, written from docs/explanation and not from the code under test.
+"""Closed forms with which several checks compare, written from docs and not from the code under test.
 
 Lengths are in metres, charge in electrons per readout, rates in spikes per readout.
 """
@@ -60,7 +60,7 @@ def count_variance(mean: float | np.ndarray, variance: float | np.ndarray) -> np
 
     A continuous quantity X, such as the charge of a window in thresholds, is counted as one of the two nearest
     integers. For a normal X with mean m and variance s², Var N = s² + 1/6 − π⁻² Σₖ cos(2πkm)·exp(−2π²k²s²)/k²
-    (docs/explanation/spike-camera.md).
+    (docs/spike-camera.md).
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ NEAR_M, FAR_M = 0.47, 0.53
 
 
 def _best_focus(drive: str, depths: np.ndarray) -> float:
-    """Return the position of least mean squared blur over these depths (m); see docs/explanation/physics.md."""
+    """Return the position of least mean squared blur over these depths (m); see docs/physics.md."""
     first, last = (float(one) for one in lens_at(drive, np.array([0.0, 1.0]))[0])
     if drive == "image_distance":
         focal = DRIVES[drive]["focal_length_mm"] / 1000
@@ -237,7 +237,7 @@ LAWS = (
         "At the true focus, the mean of c² over the pixels of the target is smallest, and the depth of a pixel is the "
         "depth of the point that its ray meets.",
         "v = mean(w)/mean(w²), w = 1/f − 1/d; 1/u = mean(1/d); mean((y − u)/y³) = 0, y = d − z",
-        "Least squares of c = 2R·v·|1/d − 1/u| (docs/explanation/physics.md, *The lens and its drive*)",
+        "Least squares of c = 2R·v·|1/d − 1/u| (docs/physics.md, *The lens and its drive*)",
         "A target at two depths in front of a wall, a plane tilted by 20 degrees, and a roof, with each drive; the "
         "truth is read from the files.",
         f"{_EXACT}; and the error of tracing depth only twice, from the middle of the travel and from the best focus "

@@ -15,34 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from saf_gen.core.table import percent
-from saf_gen.leaderboard.ranking import NeighbourComparison
-from saf_gen.leaderboard.tables import neighbours
-from studies.ranking.agreement import agreement, agreement_table
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 PAGES = (RESULTS / "saf_bench-v3.md",)
 TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-NEIGHBOURS = 12
-"""Number of pairs of neighbours in rank on a page, from the best on."""
-SHOWN = {
-    "recorded": (
-        *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
-        *("gradient_code_n+egs_code", "gradient_code_n+argmax", "cen+argmax", "sd_code+argmax", "sd_code+egs_code"),
-        *("sd_code+sgfs_code", "er_sumsq+argmax"),
-    ),
-    "closed_loop": (
-        *("octave_structure+peak_fit", "structure_calibrated+peak_fit:dark=false", "structure_calibrated+photon_aware"),
-        *("sd_code+sgfs_code", "sd+sgfs_causal", "gradient_code_n+golden_section", "gradient_code_n+hill_climb"),
-    ),
-}
-"""Methods with a column in the tables by condition, by track."""
+LISTED = 20
+"""Number of methods in a table of all, from the best on; the records hold the others."""
 CLAIMS_SHOWN = (
     *("sd_code+argmax", "sd_code+egs_code", "sd_code+sgfs_code", "gradient_code+argmax", "gradient_code_n+argmax"),
     *("gradient_code_n+egs_code", "mfdct_code+argmax", "mfdct_code_n+argmax", "mfdct_lee+argmax"),
     *("mfdct_lee_n+argmax", "er_sumsq+argmax", "cen+argmax", "sd_calibrated+photon_aware"),
     *("structure_calibrated+photon_aware", "octave_structure+peak_fit"),
 )
-AXES = "light", "light_ratio", "scene_motion", "lens_motion", "photon_budget", "focus_position", "grain"
 FIRST = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF"
 """First columns of the tables of all methods."""
 Evaluation = dict[str, Any]
@@ -69,11 +53,11 @@ def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def tabulate_results(evaluation: Evaluation) -> str:
-    """Return a table of all methods, best first, with the time to focus in the closed loop, else the frames seen."""
+    """Return a table of the best methods, with the time to focus in the closed loop, else the frames seen."""
     in_closed_loop = evaluation["track"] == ["closed_loop"]
     costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
     rows = []
-    for row in evaluation["rows"]:
+    for row in evaluation["rows"][:LISTED]:
         cells = _first_cells(row)
         if in_closed_loop:
             cells += [
@@ -89,10 +73,10 @@ def tabulate_results(evaluation: Evaluation) -> str:
 
 
 def tabulate_judged(evaluation: Evaluation) -> str:
-    """Return a table of all methods, best first, with both errors of abstaining, frames and computing time."""
+    """Return a table of the best methods, with both errors of abstaining, frames and computing time."""
     costs = "false answers", "false abstentions", "frames seen", "s"
     rows = []
-    for row in evaluation["rows"]:
+    for row in evaluation["rows"][:LISTED]:
         cells = _first_cells(row)
         cells += [str(row["false_answers"]), str(row["false_abstentions"]), format_percent(row["frames_seen"])]
         rows.append([*cells, format_number(row["seconds"], 2)])
@@ -111,17 +95,6 @@ def _success_cells(row: Evaluation) -> list[str]:
     return [success, format_interval(*ends, 0), error]
 
 
-def tabulate_conditions(evaluation: Evaluation) -> str:
-    """Return a table of success under each condition, for the methods of ``SHOWN``."""
-    methods, tables = SHOWN[evaluation["track"][0]], {table["axis"]: table for table in evaluation["axes"]}
-    rows = []
-    for name in (name for name in AXES if name in tables):
-        for place, one in enumerate(tables[name]["bins"]):
-            cells = (format_percent(tables[name]["methods"][method][place]["answerable_1dof"]) for method in methods)
-            rows.append([f"{name.replace('_', ' ')}: {one['bin']}", str(one["scenes"]), str(one["sequences"]), *cells])
-    return _format_grid(["condition", "scenes", "sequences", *(f"`{method}`" for method in methods)], rows)
-
-
 def tabulate_division(evaluation: Evaluation) -> str:
     """Return a table of the success of each measure with and without division by brightness, with ``argmax``."""
     success = {row["method"]: row["answerable_1dof"] for row in evaluation["rows"]}
@@ -137,17 +110,6 @@ def tabulate_division(evaluation: Evaluation) -> str:
         for plain, gain in sorted(gains.items(), key=lambda item: (-item[1], item[0]))
     )
     return _format_grid(["measure", "as it is", "divided by brightness", "gain, points"], rows)
-
-
-def tabulate_neighbours(evaluation: Evaluation) -> str:
-    """Return a table that compares each of the best methods with the next in rank."""
-    pairs = [NeighbourComparison(**pair) for pair in evaluation["neighbours"][:NEIGHBOURS]]
-    return neighbours(pairs).to_markdown()
-
-
-def tabulate_agreement(evaluation: Evaluation) -> str:
-    """Return a table of how much the ranking depends on each condition."""
-    return agreement_table(agreement([evaluation["folder"]])).to_markdown()
 
 
 def tabulate_claims(evaluation: Evaluation) -> str:
@@ -169,10 +131,7 @@ def tabulate_claims(evaluation: Evaluation) -> str:
 TABLES: dict[str, Callable[[Evaluation], str]] = {
     "results": tabulate_results,
     "judged": tabulate_judged,
-    "neighbours": tabulate_neighbours,
     "division": tabulate_division,
-    "conditions": tabulate_conditions,
-    "agreement": tabulate_agreement,
     "claims": tabulate_claims,
 }
 

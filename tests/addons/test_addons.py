@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pkgutil import iter_modules
 
 import pytest
@@ -48,7 +49,9 @@ def saf(*words, path, folder):
 def test_an_addon_has_its_commands_its_tests_and_its_page(addon):
     assert (ROOT / "saf_gen/addons" / addon / "commands.py").exists()
     assert list((ROOT / "tests/addons" / addon).glob("test_*.py"))
-    assert (ROOT / "docs/addons" / f"{addon}.md").exists()
+    pages = [page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md"))]
+    words = import_module(f"saf_gen.addons.{addon}.commands").COMMANDS
+    assert all(any(f"saf-gen {word}" in page for page in pages) for word in words)
     tree = ast.parse((ROOT / "saf_gen/addons" / addon / "__init__.py").read_text())
     assert [type(node) for node in tree.body] == [ast.Expr]
 

@@ -90,7 +90,7 @@ def only(scene, sensor, check):
         ("CC-BY-NC-4.0", "warning", "forbids some uses or changes"),
         ("CC BY 4.0", "warning", "CC is not the SPDX name of a known open licence"),
         ("Apache2", "warning", "did you mean Apache-2.0?"),
-        ("''", "error", "licence is empty: write one in scene.yaml that lets others use the scene"),
+        ("''", "warning", "licence is empty: a dataset of this scene cannot be published until you write one"),
     ],
 )
 def test_the_licence_is_one_that_lets_others_use_the_scene(skeleton, licence, level, message):

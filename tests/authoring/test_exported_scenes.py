@@ -53,29 +53,32 @@ def depth_and_target(scene):
 
 
 @pytest.mark.parametrize(
-    ("k", "unit_m", "name"),
-    [
-        (1.0, 1.0, ""),
-        (0.2, 1.0, ""),
-        (10.0, 1.0, ""),
-        (100.0, 0.01, "centimetres"),
-        (1000.0, 0.001, "millimetres"),
-        (3000.0, 0.001, "millimetres"),
-        (1e6, 1e-6, "micrometres"),
-        (300.0, 1.0, "0.01 for centimetres or 0.001 for millimetres"),
-    ],
+    ("k", "unit_m"),
+    [(1.0, 1), (0.2, 1), (10.0, 0.1), (100.0, 0.01), (300.0, 1e-3), (1e3, 1e-3), (3e3, 1e-4), (1e6, 1e-6)],
 )
-def test_a_unit_is_guessed_only_if_no_lens_could_blur_the_target_in_metres(own_folder, taken, k, unit_m, name):
+def test_a_scene_in_focus_everywhere_is_made_smaller_by_a_power_of_ten(own_folder, taken, k, unit_m):
     scene, said = taken(write_export(own_folder, PRINT.format(size=0.1 * k), k=k))
     assert scene.card.unit_m == unit_m
-    assert scene.card.camera.origin_m == pytest.approx((0, 0, 0.55 * k * unit_m))
-    units = [line for line in said if line.startswith("units: ")]
-    assert len(units) == bool(name)
-    assert name in "".join(units)
+    distance = 0.55 * k * unit_m
+    assert scene.card.camera.origin_m == pytest.approx((0, 0, distance))
+    drive = scene.build_drive()
+    assert max(float(drive.blur_diameter(p, distance)) for p in (0.0, 1.0)) >= 4 * 20e-6
+    scales = [line for line in said if line.startswith("scale: ")]
+    assert len(scales) == (unit_m != 1)
+    assert f"unit_m: {unit_m:g}, and it is {distance:.3g} m away" in "".join(scales) or unit_m == 1
+
+
+@pytest.mark.parametrize(("radius", "fov"), [(0.001, 18), (0, 110)])
+def test_a_scene_in_focus_everywhere_at_any_scale_is_refused(own_folder, taken, radius, fov):
+    path = write_export(
+        own_folder, PRINT.format(size=9), k=3, kind="thinlens", camera=number("aperture_radius", radius)
+    )
+    path.write_text(path.read_text().replace('"fov" value="18"', f'"fov" value="{fov}"'))
+    assert "and no smaller scale helps" in refusal(taken, path).problem
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])
-def test_the_checks_say_first_that_a_scene_looks_like_millimetres(own_folder, taken, unit_m):
+def test_the_checks_say_first_that_a_smaller_unit_would_do(own_folder, taken, unit_m):
     scene, _ = taken(write_export(own_folder, PRINT.format(size=100), k=1000.0))
     if unit_m == 1:
         card = scene.folder / "scene.yaml"
@@ -86,7 +89,7 @@ def test_the_checks_say_first_that_a_scene_looks_like_millimetres(own_folder, ta
     errors = [f.text for f in found if f.level == "error" and f.check != "licence"]
     if unit_m == 1:
         assert len(errors) == 1
-        assert "the scene looks like millimetres; write unit_m: 0.001" in errors[0]
+        assert "no position of the lens blurs it: write unit_m: 0.001 on the card" in errors[0]
     else:
         assert not [text for text in errors if "unit_m" in text]
 
@@ -322,7 +325,7 @@ def rgb(value):
 WORDS = {
     "two numbers": (rgb("1, 0"), "the colour is '1, 0'", "three numbers"),
     "words for a colour": (rgb("a, b, c"), "the colour is 'a, b, c'", "three numbers"),
-    "too bright": (rgb("2, 2, 2"), "the reflectance is 2, 2, 2", "0 to 1"),
+    "too bright": (rgb("2, 2, 2"), "reflectance of 'ball' is 2", "0 to 1"),
     "text for a colour": (MATT.format('<string name="reflectance" value="red"/>'), "reflectance is a string", "float"),
     "unknown property": (MATT.format('<float name="albedo" value="1"/>'), "diffuse has no albedo", ""),
     "a comma": ('<float name="radius" value="1,5"/>', "the number is '1,5'", "decimal point"),
@@ -345,3 +348,119 @@ def test_mitsubas_errors_are_one_line_in_our_words(own_folder, taken, inside, pr
     assert "scene.xml" in str(error)
     for inner in ("parser.cpp", "properties.cpp", "plugin of", "dictionary", "part_", "\n", "Mitsuba does not"):
         assert inner not in str(error)
+
+
+def lamp_of(inside, kind="constant"):
+    return f'<emitter type="{kind}" id="bulb">{inside}</emitter>'
+
+
+def spectrum(kind, inside=""):
+    return lamp_of(f'<spectrum name="radiance" type="{kind}">{inside}</spectrum>')
+
+
+SAMPLES = '<string name="wavelengths" value="400, 700"/><string name="values" value="1, 2"/>'
+TURNED = '<transform name="to_world"><rotate y="1" angle="180"/><scale value="0.1"/></transform>'
+MIRRORED = '<transform name="to_world"><scale x="0.1" y="0.1" z="-0.1"/></transform>'
+SQUARE = '<shape type="ply" id="print"><string name="filename" value="square.ply"/>{}{}</shape>'
+BUMPS = (
+    '<bsdf type="normalmap"><texture type="bitmap" name="normalmap"><string name="filename" value="map.png"/></texture>'
+    '<bsdf type="diffuse"/></bsdf>'
+)
+PICTURE = (
+    '<shape type="rectangle" id="print"><transform name="to_world"><scale value="0.1"/></transform>'
+    '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="map.pfm"/>'
+    "</texture></bsdf></shape>"
+)
+COLOURED = SQUARE.format(
+    '<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance"><string name="name" value="vertex_color"/>'
+    "</texture></bsdf>",
+    "",
+)
+WRONG = {
+    "blackbody": (spectrum("blackbody"), "blackbody is not rendered", "spectrum: {blackbody: 3000}"),
+    "irregular": (spectrum("irregular", SAMPLES), "irregular is not rendered", "<rgb>"),
+    "regular": (spectrum("regular"), "regular is not rendered", "<rgb>"),
+    "sunsky": (lamp_of("", "sunsky"), "sunsky is not rendered", "envmap"),
+    "projector": (lamp_of("", "projector"), "projector is not rendered", "spot"),
+    "laser": (
+        '<shape type="rectangle"><emitter type="directionalarea"/></shape>',
+        "directionalarea is not rendered",
+        "area, directional",
+    ),
+    "nan": (lamp_of('<rgb name="radiance" value="nan, 1, 1"/>'), "radiance of 'bulb' is nan", "0 or more"),
+    "inf": (lamp_of('<rgb name="intensity" value="inf, 1, 1"/>', "point"), "intensity of 'bulb' is inf", "0 or more"),
+    "negative": (lamp_of('<rgb name="radiance" value="-5, 9, 9"/>'), "radiance of 'bulb' is -5", "0 or more"),
+    "negative spectrum": (lamp_of('<spectrum name="radiance" value="400:1, 700:-2"/>'), "'bulb' is -2", "0 or more"),
+    "texels of nan": (PICTURE, "reflectance of 'print', the picture 'map.pfm', is nan in 3 of 96", "0 to 1"),
+    "sky of inf": (lamp_of('<string name="filename" value="sky.pfm"/>', "envmap"), "'sky.pfm', is inf in 3 of", ""),
+    "dark sky": (
+        lamp_of('<float name="scale" value="-1"/><string name="filename" value="map.png"/>', "envmap"),
+        "scale of 'bulb' is -1",
+        "",
+    ),
+    "bright paint": (COLOURED, "vertex_color of mesh 'print' is 200", "0 to 1"),
+    "no normals": (SQUARE.format(MATT.format(""), ""), "normals of 2 triangles have no length", ""),
+    "coded normals": (SQUARE.format(BUMPS, ""), "the normal map is decoded as sRGB", ""),
+}
+
+
+@pytest.fixture
+def export(own_folder):
+    """The folder of an export with a mesh of zero normals and colours of 200, and with pictures of nan and inf."""
+    folder = own_folder / "export"
+    folder.mkdir()
+    names = ["x", "y", "z", "nx", "ny", "nz", "r", "g", "b"]
+    lines = ["ply", "format ascii 1.0", "element vertex 4", *(f"property float {name}" for name in names)]
+    lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
+    rows = [f"{x} {y} {z} 0 0 {{}} 200 0.5 0.5" for x, y, z in CORNERS]
+    text = "\n".join([*lines, *rows, "3 0 1 2", "3 0 2 3", ""])
+    (folder / "square.ply").write_text(text.format(0, 0, 0, 0))
+    Image.new("RGB", (8, 4), (128, 128, 255)).save(folder / "map.png")
+    for name, value in (("map", np.nan), ("sky", np.inf)):
+        texels = np.full((4, 8, 3), 0.5, "<f4")
+        texels[1, 2] = value
+        (folder / f"{name}.pfm").write_bytes(b"PF\n8 4\n-1.0\n" + texels.tobytes())
+    return folder
+
+
+@pytest.mark.parametrize(("content", "problem", "allowed"), WRONG.values(), ids=WRONG.keys())
+def test_what_no_scene_can_have_is_refused_in_one_line(own_folder, export, taken, content, problem, allowed):
+    shape = "" if 'id="print"' in content else PRINT.format(size=0.1)
+    if "square.ply" in content and "vertex_color" in content:
+        mesh = export / "square.ply"
+        mesh.write_text(mesh.read_text().replace(" 0 0 0 200", " 0 0 1 200"))
+    error = refusal(taken, write_export(own_folder, shape, more=content))
+    assert problem in error.problem
+    assert allowed in error.allowed
+    assert "scene.xml" in error.where
+    assert not (own_folder / "scenes").exists()
+
+
+@pytest.mark.parametrize(
+    ("shape", "black"),
+    [
+        (f'<shape type="rectangle" id="print">{TURNED}<bsdf type="diffuse"/></shape>', True),
+        (f'<shape type="cube" id="print">{MIRRORED}<bsdf type="diffuse"/></shape>', False),
+        (f'<shape type="rectangle" id="print">{TURNED}{MATT.format("")}</shape>', False),
+        (PRINT.format(size=0.1), False),
+    ],
+)
+def test_surfaces_that_turn_their_back_to_the_lens_are_named(own_folder, taken, shape, black):
+    _, lines = taken(write_export(own_folder, shape))
+    assert [
+        line for line in lines if line.startswith("surfaces that turn their back to the lens are black: print")
+    ] == ([lines[-1]] if black else [])
+
+
+def test_the_field_of_an_upright_film_is_that_of_mitsuba(own_folder, taken):
+    """50 mm on a film of 250 × 400 are 29.1 degrees across."""
+    film = '<film type="hdrfilm"><integer name="width" value="250"/><integer name="height" value="400"/></film>'
+    camera = '<string name="focal_length" value="50mm"/>' + film
+    path = write_export(own_folder, PRINT.format(size=0.1), camera=camera, k=0.5)
+    path.write_text(path.read_text().replace('<float name="fov" value="18"/>', ""))
+    scene, lines = taken(path)
+    card = scene.card
+    distance = card.camera.origin_m[2] - card.camera.look_at_m[2]
+    image = 1 / (1e3 / card.lens.focal_length_mm - 1 / distance)
+    assert 2 * np.degrees(np.arctan(4e-3 / image)) == pytest.approx(25.9, abs=0.1)
+    assert any(line.startswith("film size ignored: 250 × 400 (the width is kept; less is seen") for line in lines)

@@ -49,6 +49,11 @@ def with_nodes(*nodes):
     return change
 
 
+def with_orthographic_camera(file):
+    with_nodes({"camera": 0, "name": "eye"})(file)
+    file.json["cameras"] = [{"type": "orthographic"}]
+
+
 def with_attribute(key):
     def change(file):
         file.add_card(attributes={key: file.add_array(np.ones((4, 3), np.float32))})
@@ -86,7 +91,7 @@ SAID = [
     (material(doubleSided=True, emissiveFactor=[1, 1, 1]), "emission of back sides ignored: paint"),
     (on_file(animations=[{}]), "animation ignored, the pose of the nodes is used"),
     (on_file(scenes=[{"nodes": [0]}, {"name": "other"}]), "scenes ignored: other"),
-    (with_nodes({"camera": 0, "name": "eye"}), "cameras ignored: eye"),
+    (with_orthographic_camera, "cameras ignored: eye"),
     (with_nodes({"extensions": {"KHR_lights_punctual": {"light": 0}}, "name": "sun"}), "lamps ignored: sun"),
     (with_attribute("COLOR_1"), "second vertex colours ignored: card"),
     (with_normals_of_no_length, "normals ignored, some have no length: card"),
@@ -214,7 +219,10 @@ REFUSED = [
     (coloured("f4", textured=True), "'card' has a texture and colours of vertices that differ; allowed: one of them"),
     (emitting(), "the textures of 'paint' have different samplers"),
     (emitting(alphaMode="BLEND"), "the surface of 'card' emits light and is not opaque"),
-    (on_json(materials__0__extensions={"KHR_materials_emissive_strength": {"emissiveStrength": "4"}}), "is no number"),
+    (
+        on_json(materials__0__extensions={"KHR_materials_emissive_strength": {"emissiveStrength": "4"}}),
+        "of 'paint' is '4'",
+    ),
     (on_json(images__0={"uri": "missing.png"}), "the texture 'missing.png' does not exist"),
     (on_json(images__0={"uri": "../secret.png"}), "the texture '../secret.png' is outside the mesh's folder"),
     (on_json(images__0={"uri": "%2e%2e/secret.png"}), "is outside the mesh's folder"),
@@ -250,9 +258,10 @@ REFUSED = [
     (on_json(**{f"{BASE}__index": 7}), "the texture of 'paint' does not exist"),
     (on_json(materials__0__alphaMode="DITHER"), "materials.0.alphaMode is 'DITHER'"),
     (on_json(nodes__0__children=[0]), "the nodes form a circle"),
-    (on_json(nodes__0__children=[9]), "the mesh is damaged"),
+    (on_json(nodes__0__children=[9]), "node, mesh, camera or accessor that does not exist"),
+    (on_json(nodes__0__camera=0), "camera or accessor that does not exist"),
     (on_json(nodes__0__matrix=[1, 2]), "nodes.0.matrix"),
-    (on_json(scenes__0__nodes=[5]), "the mesh is damaged"),
+    (on_json(scenes__0__nodes=[5]), "node, mesh, camera or accessor that does not exist"),
     (on_json(scene=3), "names a scene"),
     (on_json(meshes__0__primitives=[]), "meshes.0.primitives is []"),
     (on_json(asset={"version": "1.0"}), "asset.version is '1.0'; allowed: '2.0'"),

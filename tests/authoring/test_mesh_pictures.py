@@ -239,7 +239,7 @@ def test_the_parts_of_a_mesh_keep_their_materials_below_moved_nodes(tmp_path):
     child = file.add_node(mesh=left, name="pair", scale=[-1, 1, 1], in_scene=False)
     eye = file.add_node(camera=0, name="eye", children=[child], scale=[-3, 3, 3], in_scene=False)
     file.add_node(children=[eye], translation=[7, 8, 9])
-    file.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}]
+    file.json["cameras"] = [{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0, "zfar": 1}}]
     picture, said = show(file.save(tmp_path / "a.glb"))
     assert quarters(picture) == pytest.approx(np.array([[1, 0, 0], [0, 1, 0]] * 2), abs=1e-3)
     assert said == ["cameras ignored: eye"]

@@ -31,7 +31,7 @@ def test_a_skeleton_passes_all_checks_but_for_a_licence_that_nobody_has_set(here
     for path in (p for p in written if p.suffix in (".yaml", ".md", ".xml")):
         assert "NAME" not in path.read_text()
     found = list(check_scene(find_scene("mine"), sensor, backend=VARIANT))
-    assert [(f.check, f.level) for f in found if f.level != "ok"] == [("licence", "error")]
+    assert [(f.check, f.level) for f in found if f.level != "ok"] == [("licence", "warning")]
     assert {f.check for f in found} == set(
         ("licence", "source", "geometry", "repeat", "units", "reach", "exposure", "detail", "curve", "grain", "family")
     )
@@ -128,10 +128,7 @@ def thin(radius):
         ([WORLD, LAMP], "no lamp"),
         ([(LOOK, '<scale value="0"/>')], "to_world of the camera gives it no direction"),
         ([thin("nan")], "aperture_radius of the camera is nan; allowed"),
-        (
-            [thin(1e-5)],
-            "aperture_radius of the camera is 1e-05, which is f/1197 with a sensor of 8 mm; allowed: up to f/64",
-        ),
+        ([thin(1e-5)], "0.5695 m away, f/1.2e+03 blurs the target by 0.015 pixels"),
     ],
 )
 def test_an_export_that_cannot_be_used_is_refused(here, edited, pairs, message):
@@ -220,9 +217,11 @@ DIAGONAL = np.hypot(36, 24) / 2 * 1.6 / np.hypot(1.6, 1)
 def test_the_field_is_that_of_the_files_axis_or_of_36_by_24_mm_with_its_focal_length(here, edited, words, tangent):
     path = edited((FOV_X[0], ""), (FOV_X[1], words))
     scene_from_export(path, "bench", root=here / "scenes")
-    scene = find_scene("bench")
-    image = float(scene.build_drive().image_distance(scene.build_drive().best_position(0.5695)))
+    card = find_scene("bench").card
+    distance = np.linalg.norm(np.subtract(card.camera.look_at_m, card.camera.origin_m))
+    image = 1 / (1e3 / card.lens.focal_length_mm - 1 / distance)
     assert 4e-3 / image == pytest.approx(tangent, rel=2e-3)
+    assert distance == pytest.approx(0.5695 * card.unit_m, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from saf_gen.plugins.measures import measure_names
 from saf_gen.plugins.motions import lens_positions
 from saf_gen.plugins.searches import search_names
 
-PAGE = Path(__file__).parents[2] / "docs/how-to/add-a-plugin.md"
+PAGE = Path(__file__).parents[2] / "docs/add-a-method.md"
 WARNINGS = {
     "elp_events": ["finds a bell"],  # as published, it answers a window early, for the lag of its filter
     "sgfs_printed": ["finds a bell"],  # the algorithm as the paper prints it stops at once
@@ -98,7 +98,7 @@ def test_a_registered_search_conforms(name):
     assert [f.check for f in found] == WARNINGS.get(name, [])
 
 
-# The code on docs/how-to/add-a-plugin.md, unchanged.
+# The code on docs/add-a-method.md, unchanged.
 
 
 def code_blocks(language):

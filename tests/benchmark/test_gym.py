@@ -176,7 +176,7 @@ def test_a_named_sequence_is_that_of_the_benchmark_bit_for_bit(dataset):
         expected = (average_observation(counts, 16, columns=16) / STILL).astype(np.float32)
         assert np.array_equal(seen["image"], expected)
     info = rows[-1][2]
-    judgement = sequence.make_record(BLANK.who, BLANK.what, run=run).judgement
+    judgement = sequence.make_record(run, who=BLANK.who, what=BLANK.what).judgement
     assert (info["error"], info["error_dof"]) == (judgement.error, judgement.error_dof)
 
 

@@ -143,6 +143,12 @@ def test_the_recorded_track_gives_the_optimum_beside_the_truth(answered):
     assert found["brenner+argmax"].judgement.optimum is None
 
 
+def test_a_record_states_the_sharpness_lost_where_it_is_known(answered):
+    found = answered("sd+argmax", sharpness=curve(0.41))["sd+argmax"].judgement
+    here = np.interp(found.position, np.linspace(0, 1, 33), curve(0.41))
+    assert found.sharpness_lost == pytest.approx(1 - here / curve(0.41).max())
+
+
 @pytest.mark.parametrize(("apart", "right"), [(0.0149, None), (-0.0151, True), (0.2, False)])
 def test_success_is_given_against_the_least_blur_where_it_is_far_from_the_truth(answered, apart, right):
     """The depth of focus is 0.1 of the travel; 0.15 of it is far."""
@@ -170,7 +176,7 @@ def run_to(position, truth, *, region="target", method="sd+golden_section", opti
     sequence = ClosedLoopSequence(None, capture, (slice(0, 1), slice(0, 1)), region, None, "d")
     path = np.linspace(0, position or 0, 100)
     run = Run(Answer(position=position), "", path, 100, windows=3, seconds=0.1, commands=(0.0, position or 0.0))
-    return sequence.make_record(Who(method, "c", region), BLANK.what, run=run)
+    return sequence.make_record(run, who=Who(method, "c", region), what=BLANK.what)
 
 
 def test_the_leaderboard_gives_both_successes_only_where_some_lens_needs_them():

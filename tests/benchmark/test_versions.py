@@ -138,8 +138,8 @@ def test_the_numbers_of_the_closed_loop_are_those_of_its_versions():
         protocol = ClosedLoopProtocol(get_actuator(drive))
         for method in map(parse_method, CLOSED_LOOP_METHODS):
             run = run_closed_loop(sequence.make_captured(), method, protocol=protocol)
-            who = Who(method.name, "", "target")
-            records.append(sequence.make_record(who, replace(BLANK.what, track="closed_loop"), run=run))
+            what = replace(BLANK.what, track="closed_loop")
+            records.append(sequence.make_record(run, who=Who(method.name, "", "target"), what=what))
     assert digest(numbers(records)) == CLOSED_LOOP
 
 

@@ -43,6 +43,7 @@ def shipped():
     return {name: resolve_recipe(f"recipes/{name}.yaml") for name in RECIPES}
 
 
+@pytest.mark.daily(6)
 @pytest.mark.slow
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", RECIPES)
@@ -71,26 +72,6 @@ def dearest_piece(work):
         if sequence.time_stack in stills:
             stills[sequence.time_stack].append(sequence)
     return max((partition(replace(work, sequences=tuple(s)), 1)[0].seconds for s in stills.values()), default=0.0)
-
-
-@pytest.mark.slow
-def test_the_table_on_the_page_is_that_of_the_plans(shipped):
-    lines = Path("docs/how-to/cluster.md").read_text(encoding="utf-8").splitlines()
-    start = next(n for n, line in enumerate(lines) if line.startswith("| recipe | N = 1 |"))
-    shown = [line for line in lines[start + 2 :] if line.startswith("|")][: len(RECIPES)]
-    assert shown == [describe_shares(name, work) for name, work in shipped.items()]
-
-
-def describe_shares(name, work):
-    """A row of the table: the largest shard for each number of shards, the largest piece, and what cuts add."""
-    cells, dearest = [f"`{name}`"], dearest_piece(work)
-    for count in COUNTS:
-        shares = partition(work, count)
-        total, largest = shares[0].all_seconds, max(share.seconds for share in shares)
-        cells.append("piece" if largest <= dearest * 1.0001 else f"{largest / total * count:.2f}")
-    cells.append(f"{dearest / total:.0%}".replace("%", " %") if dearest else "a slice")
-    cells.append(f"{abs(sum(share.seconds for share in shares) / total - 1):.0%}".replace("%", " %"))
-    return f"| {' | '.join(cells)} |"
 
 
 RECIPE = """\

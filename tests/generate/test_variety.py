@@ -13,6 +13,7 @@ from saf_gen.generate.recipe import find_recipe
 CAMERAS = ("davis346", "qvga_spad", "imx273")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @needs_llvm
 def test_each_feature_of_variety_is_in_its_recordings(tmp_path, call):

@@ -138,6 +138,7 @@ def slow_sum(amplitude, *, coherence, waves, z_m, shape, pitch_m, points=400):
     return seen
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("coherence", "z_um", "spherical"),
     [(0.6, 0, 0), (0.6, -6, 0), (0.3, 6, 0), (1.0, 3, 0), (0.6, 2, 1.5), (1.5, 0, 0)],

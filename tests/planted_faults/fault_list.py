@@ -1,14 +1,9 @@
-"""The faults: what each breaks, how it is planted, and the tests that must fail under it.
-
-``python tests/planted_faults/fault_list.py`` writes the table of docs/planted-faults.md again.
-"""
+"""The faults: what each breaks, how it is planted, and the tests that must fail under it."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from planting import Change
 
-PAGE = Path(__file__).resolve().parents[2] / "docs/planted-faults.md"
 EACH_LAW = "studies/test_laws.py::test_a_law_holds_at_its_small_size"
 RENDERED = (
     "render/",
@@ -861,8 +856,10 @@ FAULTS = {
         (
             Change(
                 "leaderboard.ranking",
-                'record.status == "answered" and getattr(record, success) is True) if record.answerable else None',
-                "getattr(record, success) is True) if record.answerable is not None else None",
+                "if not record.answerable:\n            return None\n        return float("
+                'record.judgement.status == "answered" and record.success(limit_dof) is True)',
+                "if record.answerable is None:\n            return None\n        return float("
+                "record.success(limit_dof) is True)",
             ),
         ),
         (
@@ -926,24 +923,3 @@ FAULTS = {
         ),
     ),
 }
-
-
-def name_catcher(test: str) -> str:
-    """Return a test as the page names it: its file and name, or the command that checks a law of studies/laws."""
-    if test.startswith(EACH_LAW):
-        return f"`python -m studies.laws --only {test[len(EACH_LAW) + 1 : -1]}`"
-    file, _, name = test.partition("::")
-    return f"`tests/{file}`: `{name}`"
-
-
-def table() -> str:
-    """Return the faults as the table of the page."""
-    rows = ["| fault | what it breaks | caught by |", "|---|---|---|"]
-    for name, fault in FAULTS.items():
-        caught = "<br>".join(name_catcher(test) for test in fault.tests)
-        rows.append(f"| {name} | {fault.breaks} | {caught} |")
-    return "\n".join(rows) + "\n"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(PAGE.read_text(encoding="utf-8").split("| fault |")[0] + table(), encoding="utf-8")

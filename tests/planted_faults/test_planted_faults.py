@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fault_list import FAULTS, PAGE, RENDERED, table
+from fault_list import FAULTS, RENDERED
 from planting import Change, NotPlantedError, Planter, changed_sources
 from written_scenes import needs_llvm
 
@@ -97,11 +97,6 @@ def test_every_test_of_a_fault_catches_it_and_passes_without_one(tmp_path, job):
 def test_a_fault_is_caught_by_more_than_one_test(name):
     """At least two functions; the cases of one function count once."""
     assert len({test.partition("[")[0] for test in FAULTS[name].tests}) >= 2
-
-
-def test_the_page_of_faults_is_that_of_the_list():
-    """python tests/planted_faults/fault_list.py writes it again."""
-    assert PAGE.read_text(encoding="utf-8").endswith(f"\n\n{table()}")
 
 
 # --- what is planted, and which problems are listed --------------------------------------------------------

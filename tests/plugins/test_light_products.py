@@ -257,7 +257,7 @@ def test_a_light_of_users_with_gain_and_breaks_is_a_factor():
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("Decay", "Decay(after_s=0.1) cannot be a factor | gain and breaks | docs/how-to/add-a-plugin.md"),
+        ("Decay", "Decay(after_s=0.1) cannot be a factor | gain and breaks | docs/add-a-method.md"),
         ("Falling", "the gain of | falls to -0.949 | 0 or more"),
         ("OneNumber", "returns an array of shape () | one number per time"),
         ("BreaksAtNan", "the breaks of | nan | a list of times in seconds"),

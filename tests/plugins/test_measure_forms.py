@@ -198,6 +198,7 @@ REFERENCES = {
 }
 
 
+@pytest.mark.daily(64)
 @pytest.mark.parametrize("name", REFERENCES)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("highest", [3, 60])

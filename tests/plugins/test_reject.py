@@ -40,6 +40,7 @@ def test_a_sweep_that_ends_far_from_the_focus_has_no_answer(name, first, last):
     assert answer.note.startswith("rejected: ")
 
 
+@pytest.mark.daily(20)
 @pytest.mark.parametrize("name", ESTIMATING)
 @pytest.mark.parametrize("last", [0.3, 0.42, 0.46, 0.49, 0.52, 0.56, 0.7])
 def test_nobody_abstains_where_peak_fit_answers(name, last):

@@ -128,6 +128,7 @@ LENSES = [
 ]
 
 
+@pytest.mark.daily(3)
 @needs_llvm
 @pytest.mark.parametrize(("f_number", "waves"), LENSES)
 def test_an_edge_shows_the_transfer_of_the_pupil(tmp_path, monkeypatch, f_number, waves):

@@ -71,6 +71,7 @@ def render(setups, field, *, window, on_device, samples=4):
     return filtered_pass.render_with_shading(setups, field, window=window, on_device=on_device, **how)
 
 
+@pytest.mark.daily(2)
 @every_scene
 @pytest.mark.slow
 def test_cells_stacks_and_slices_are_those_of_the_cores(still_life, monkeypatch):

@@ -31,6 +31,7 @@ def write_card_before_wall(folder, monkeypatch):
     ), list(shapes)
 
 
+@pytest.mark.daily(2)
 @needs_llvm
 @pytest.mark.parametrize("blur", [-3.0, -1.5, 1.5, 3.0, 17.5])
 def test_edges_in_a_time_slice_are_those_of_the_scene_at_rest(blur, tmp_path, monkeypatch):

@@ -79,6 +79,7 @@ ESTIMATORS = {
 }
 
 
+@pytest.mark.daily(2)
 @needs_llvm
 @pytest.mark.parametrize(
     ("spherical", "estimator"),

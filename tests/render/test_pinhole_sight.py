@@ -146,6 +146,7 @@ PANES = {
 }
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("glass", PANES.values(), ids=PANES.keys())
 @pytest.mark.parametrize("unit_m", [1.0, 0.001], ids=["m", "mm"])
 def test_a_window_of_thickness_t_brings_the_target_nearer_by_t_times_1_minus_1_by_n(look, glass, unit_m):
@@ -203,6 +204,7 @@ def instance(name, x, z=0.0):
     return f"'{name}': {{'type': 'instance', 'group': {{'type': 'ref', 'id': 'group'}}, 'to_world': {place}}}"
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize(
     ("target", "pixels", "depth"), [("first", 64, 0.5), ("second", 64, 0.5), ("leaf", 124, 0.5), ("stem", 4, 0.496)]
 )
@@ -239,6 +241,7 @@ OWN = {
 }
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize(("shapes", "shines"), OWN.values(), ids=OWN.keys())
 def test_a_target_must_send_light_of_its_own(look, shapes, shines):
     setup, seen = look(*shapes, light="target" if "emitter" in shapes[0] else "room")

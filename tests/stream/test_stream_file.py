@@ -24,7 +24,7 @@ from saf_gen.stream.metadata import Metadata, Truth
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter, write_stream
 
-DOCS = Path(__file__).parents[2] / "docs" / "reference" / "file-layout.md"
+DOCS = Path(__file__).parents[2] / "docs/files.md"
 
 
 def random_frames(count, rows=6, columns=9, seed=0):
@@ -193,7 +193,7 @@ def test_the_digest_follows_every_value(tmp_path):
 
 
 def test_the_digest_is_as_documented(tmp_path):
-    """Computed here only from the description in docs/reference/file-layout.md."""
+    """Computed here only from the description in docs/files.md."""
     frames = random_frames(2_011)
     digest = write_stream(tmp_path / "a.h5", frames, truth={"position": 0.25}, light_names=("a", "b"))
     packed = np.packbits(frames, axis=0, bitorder="little").transpose(1, 2, 0)

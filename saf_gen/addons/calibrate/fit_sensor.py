@@ -1,6 +1,6 @@
 """A sensor fitted to flat fields and a dark recording.
 
-docs/explanation/sensors.md derives which recording determines each parameter, and which parameters cannot be separated.
+docs/spike-camera.md derives which recording determines each parameter, and which parameters cannot be separated.
 """
 
 from collections.abc import Callable

@@ -8,7 +8,7 @@ t₂ₖ − 2tₖ + t₀, therefore has the variance
     2·k·s² + Var(e₂ₖ − 2eₖ + e₀) = 2·k·s² + 1/2 − 4·O(k) + O(2k)
 
 where O(k) is twice the covariance of two phases k spikes apart: the oscillation of the exact law of intervals at the
-mean k·m and the variance k·s² (docs/explanation/spike-camera.md). The mean interval and a steady drift of the light do
+mean k·m and the variance k·s² (docs/spike-camera.md). The mean interval and a steady drift of the light do
 not add to it. At long lags the noise exceeds the phases, and O vanishes.
 """
 

@@ -136,8 +136,9 @@ def check_licence(scene: Scene) -> Iterator[Finding]:
     if not names:
         yield Finding(
             "licence",
-            "error",
-            "licence is empty: write one in scene.yaml that lets others use the scene, such as CC-BY-4.0",
+            "warning",
+            "licence is empty: a dataset of this scene cannot be published until you write one in scene.yaml, such as "
+            "CC-BY-4.0",
         )
     elif any("-NC" in name or "-ND" in name for name in unknown_names):
         yield Finding(

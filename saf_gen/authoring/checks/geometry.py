@@ -14,7 +14,7 @@ import numpy as np
 from saf_gen.authoring.checks.subject import SceneUnderTest
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
-from saf_gen.render.exported_camera import fitting_units
+from saf_gen.render.exported_camera import fitting_scale
 from saf_gen.scene.keyframes import RigidMotion, motion_end_s
 from saf_gen.stack.slice_spacing import MAX_FACTOR
 
@@ -49,17 +49,14 @@ def check_units(subject: SceneUnderTest) -> Iterator[Finding]:
 
 
 def implausible_unit(subject: SceneUnderTest) -> Finding | None:
-    """Return an error if the target is so far away that no lens blurs it, and another unit explains that."""
+    """Return an error if the target is so far away that no lens blurs it, and a smaller unit would change that."""
     distance = float(np.median(subject.target_depths_m))
-    image = float(subject.drive.image_distance(0.5))
-    fit = fitting_units(distance, image_m=image)
-    if "metres" in fit or not fit or max(_blur_at_ends(subject)) >= 1:
+    fit = fitting_scale(distance, image_m=float(subject.drive.image_distance(0.5)))
+    if fit is None or fit[0] == 1 or max(_blur_at_ends(subject)) >= 1:
         return None
-    names = " or ".join(fit)
-    unit = " or ".join(f"{metres * subject.scene.card.unit_m:g}" for metres in fit.values())
     text = (
-        f"the target is {distance:.4g} m away, and no position of the lens blurs it: the scene looks like {names}; "
-        f"write unit_m: {unit} on the card, and multiply its lengths in metres by {' or '.join(map(str, fit.values()))}"
+        f"the target is {distance:.4g} m away, and no position of the lens blurs it: write unit_m: "
+        f"{fit[0] * subject.scene.card.unit_m:g} on the card, and multiply its lengths in metres by {fit[0]:g}"
     )
     return Finding("units", "error", text)
 

@@ -9,7 +9,7 @@ import base64
 import binascii
 import json
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +25,7 @@ from saf_gen.authoring.meshes.gltf_keys import (
     Material,
     MetallicRoughness,
     Primitive,
+    Refraction,
     Sampler,
     TextureUse,
 )
@@ -81,17 +82,17 @@ def read_gltf(path: Path, left_out: LeftOut) -> list[Shape]:
     """
     from trimesh.exchange.gltf import load_gltf  # trimesh loads in half a second
 
-    text, binary = _split_container(read_bytes(path), path)
-    document = _parse(text, path)
-    _check(document, path)
+    document, binary = read_document(path)
+    whole = bool(cameras_of(document))
     tree = document.model_dump(by_alias=True, exclude_unset=True, mode="json")
     for kind in ("nodes", "meshes"):
         for n, entry in enumerate(tree.get(kind, ())):
             entry["name"] = str(n)
     used = set[int]()
     for n, material in enumerate(document.materials):
-        base = (material.pbr_metallic_roughness or MetallicRoughness()).base_color_texture
-        uses = {"baseColorTexture": base, "emissiveTexture": material.emissive_texture}
+        pbr = material.pbr_metallic_roughness or MetallicRoughness()
+        uses = {"baseColorTexture": pbr.base_color_texture, "emissiveTexture": material.emissive_texture}
+        uses |= {"metallicRoughnessTexture": pbr.metallic_roughness_texture} if whole else {}
         tree["materials"][n] = {key: {"index": use.index} for key, use in uses.items() if use is not None}
         used |= {use.index for use in uses.values() if use is not None}
     for n, texture in enumerate(document.textures):
@@ -105,9 +106,9 @@ def read_gltf(path: Path, left_out: LeftOut) -> list[Shape]:
             if "uri" in entry or (what == "buffer" and n == 0 and binary):
                 files[f"{what} {n}"] = _resource(entry["uri"], path, what=what) if "uri" in entry else binary
                 entry["uri"] = f"{what} {n}"
-    _say(document, left_out)
+    _say(document, left_out, whole=whole)
     loaded = load(load_gltf, json.dumps(tree).encode(), path=path, resolver=files)
-    reader = _Gltf(path, document, left_out, Pictures(path))
+    reader = _Gltf(path, document, left_out, Pictures(path), whole)
     worlds = {loaded["base_frame"]: np.eye(4)}
     placed: list[tuple[int, int, int, str]] = []
     for edge in loaded["graph"]:
@@ -120,8 +121,44 @@ def read_gltf(path: Path, left_out: LeftOut) -> list[Shape]:
         mesh, geometry = document.meshes[number], loaded["geometry"][f"{number}_{k}" if k else str(number)]
         name = document.nodes[index].name or mesh.name or f"node_{index}"
         name = f"{name}_{k + 1}" if len(mesh.primitives) > 1 else name
-        shapes.append(reader.shape(geometry, worlds[frame], name=name, primitive=mesh.primitives[k]))
+        shape = reader.shape(geometry, worlds[frame], name=name, primitive=mesh.primitives[k])
+        shapes.append(replace(shape, node=document.nodes[index].name))
     return shapes
+
+
+def read_document(path: Path) -> tuple[Document, bytes]:
+    """Return the keys of a file and its binary chunk; raise BadInput if it has other keys than are read."""
+    text, binary = _split_container(read_bytes(path), path)
+    document = _parse(text, path)
+    _check(document, path)
+    return document, binary
+
+
+def cameras_of(document: Document) -> list[int]:
+    """Return the nodes of the scene's cameras with a perspective; a file that has one is a whole scene."""
+    cameras = ((n, document.nodes[n].camera) for n in placed_nodes(document))
+    return [n for n, number in cameras if number is not None and document.cameras[number].perspective]
+
+
+def placed_nodes(document: Document) -> dict[int, np.ndarray]:
+    """Return the transforms to the world, float64 (4, 4), of the scene's nodes, by number in the order of the file."""
+    from trimesh.transformations import quaternion_matrix
+
+    worlds = dict[int, np.ndarray]()
+    todo = [(n, np.eye(4)) for n in document.scenes[document.scene].nodes]
+    while todo:
+        n, above = todo.pop()
+        node = document.nodes[n]
+        own = np.eye(4)
+        if node.matrix is not None:
+            own = np.reshape(node.matrix, (4, 4)).T
+        else:
+            x, y, z, w = node.rotation
+            own[:3, :3] = quaternion_matrix([w, x, y, z])[:3, :3] * node.scale
+            own[:3, 3] = node.translation
+        worlds[n] = above @ own
+        todo += [(child, worlds[n]) for child in node.children]
+    return dict(sorted(worlds.items()))
 
 
 def _split_container(data: bytes, path: Path) -> tuple[bytes, bytes]:
@@ -178,6 +215,10 @@ def _check(document: Document, path: Path) -> None:
     try:
         roots = document.scenes[document.scene].nodes
         children = [*chain.from_iterable(node.children for node in document.nodes), *roots]
+        if max(children, default=0) >= max(len(document.nodes), 1):
+            raise IndexError
+        if any(node.camera is not None and node.camera >= len(document.cameras) for node in document.nodes):
+            raise IndexError
         if len(set(children)) < len(children):
             raise refusal("a node has two parents or is listed twice, or the nodes form a circle")
         primitives: list[Primitive] = []
@@ -200,21 +241,21 @@ def _check(document: Document, path: Path) -> None:
         accessors = [n for p in (*primitives, *drawn) for n in (p.attributes["POSITION"], p.indices) if n is not None]
         corners = sum(document.accessors[n].count for n in accessors)
     except IndexError as error:
-        raise refusal("the file names a scene, mesh or accessor that does not exist") from error
+        raise refusal("the file names a scene, node, mesh, camera or accessor that does not exist") from error
     if max(corners, sum(accessor.count for accessor in document.accessors)) > 2 * MAX_CORNERS:
         raise refusal(f"its shapes have more than {MAX_CORNERS:,} corners and vertices", hint="reduce the mesh")
 
 
-def _say(document: Document, left_out: LeftOut) -> None:
+def _say(document: Document, left_out: LeftOut, *, whole: bool) -> None:
     """Add what is left out of the file besides its materials."""
     if document.animations:
         left_out.add("animation ignored, the pose of the nodes is used")
     for node in document.nodes:
-        if node.camera is not None:
+        if node.camera is not None and not whole:
             left_out.add("cameras ignored", node.name or "camera")
     for entry in (*document.nodes, *document.meshes, *(p for mesh in document.meshes for p in mesh.primitives)):
         for key in entry.extensions:
-            if EXTENSIONS[key]:
+            if EXTENSIONS[key] and not (whole and key == "KHR_lights_punctual"):
                 left_out.add(EXTENSIONS[key], entry.name)
     for n, scene in enumerate(document.scenes):
         if n != document.scene:
@@ -242,6 +283,7 @@ class _Gltf:
     document: Document
     left_out: LeftOut
     pictures: Pictures
+    whole: bool
 
     def refusal(self, problem: str, *, allowed: str = "") -> BadInput:
         return BadInput(problem, where=str(self.path), allowed=allowed, hint="export it again")
@@ -283,15 +325,18 @@ class _Gltf:
         glow = material.emissive_factor
         use = material.emissive_texture if any(glow) else None
         base = pbr.base_color_texture
-        samplers = {self._sampler(one, name) for one in (base, use) if one is not None}
+        gloss = pbr.metallic_roughness_texture if self.whole else None
+        samplers = {self._sampler(one, name) for one in (base, use, gloss) if one is not None}
         if len(samplers) > 1:
-            raise self.refusal(f"the textures of {name!r} have different samplers", allowed="the same for both")
+            raise self.refusal(f"the textures of {name!r} have different samplers", allowed="the same for all")
         wrap, smooth = next(iter(samplers), ("repeat", True))
         try:
             stated = material.extensions.get("KHR_materials_emissive_strength", {})
             strength = EmissiveStrength.model_validate(stated).emissive_strength
-        except ValidationError:
-            raise self.refusal(f"the emission strength of {name!r} is no number", allowed="0 or more") from None
+            index = Refraction.model_validate(material.extensions.get("KHR_materials_ior", {})).ior
+        except ValidationError as error:
+            problem = f"{error.title} of {name!r} is {error.errors()[0]['input']!r:.80}"
+            raise self.refusal(problem, allowed="a strength of 0 or more, an index above 1") from None
         (r, g, b), (red, green, blue, opacity) = glow, pbr.base_color_factor
         return Surface(
             (red, green, blue),
@@ -303,6 +348,10 @@ class _Gltf:
             emission_picture=None if use is None else self._picture(visual.material.emissiveTexture, name),
             wrap=wrap,
             smooth=smooth,
+            roughness=pbr.roughness_factor,
+            metallic=pbr.metallic_factor,
+            gloss_picture=None if gloss is None else self._picture(visual.material.metallicRoughnessTexture, name),
+            index=index,
         )
 
     def _picture(self, image: Any, name: str) -> np.ndarray:
@@ -320,9 +369,10 @@ class _Gltf:
         return WRAPS[sampler.wrap_s], sampler.mag_filter != NEAREST
 
     def _say_what_is_ignored(self, material: Material, pbr: MetallicRoughness, *, name: str) -> None:
+        matt = not self.whole
         stated = {
-            "metallic ignored": pbr.metallic_factor > 0 and "KHR_materials_unlit" not in material.extensions,
-            "gloss ignored": pbr.roughness_factor < 1 or pbr.metallic_roughness_texture is not None,
+            "metallic ignored": matt and pbr.metallic_factor > 0 and "KHR_materials_unlit" not in material.extensions,
+            "gloss ignored": matt and (pbr.roughness_factor < 1 or pbr.metallic_roughness_texture is not None),
             "normal map ignored": material.normal_texture is not None,
             "occlusion map ignored": material.occlusion_texture is not None,
             "emission of back sides ignored": material.double_sided and any(material.emissive_factor),

@@ -17,7 +17,7 @@ EXTENSIONS = {
     "KHR_materials_clearcoat": "clearcoat ignored",
     "KHR_materials_diffuse_transmission": "diffuse transmission ignored",
     "KHR_materials_dispersion": "dispersion ignored",
-    "KHR_materials_ior": "",  # alone, it changes only the gloss
+    "KHR_materials_ior": "",
     "KHR_materials_iridescence": "iridescence ignored",
     "KHR_materials_sheen": "sheen ignored",
     "KHR_materials_specular": "specular reflection ignored",
@@ -39,6 +39,7 @@ def _listed(name: str) -> str:
 
 Index = Annotated[int, Field(ge=0)]
 Unit = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 Ignored = Annotated[Any, Field(exclude=True)]
 Extensions = Annotated[dict[Annotated[str, AfterValidator(_listed)], Any], Field(exclude=True)]
@@ -101,7 +102,7 @@ class Mesh(Entry):
 class Node(Entry):
     children: list[Index] = []
     mesh: Index | None = None
-    camera: Ignored = None
+    camera: Annotated[Index | None, Field(exclude=True)] = None
     matrix: Annotated[list[float], Field(min_length=16, max_length=16)] | None = None
     translation: Vector3 = (0, 0, 0)
     rotation: tuple[float, float, float, float] = (0, 0, 0, 1)
@@ -110,6 +111,44 @@ class Node(Entry):
 
 class Scene(Entry):
     nodes: list[Index] = []
+
+
+class Perspective(Entry):
+    yfov: Annotated[float, Field(gt=0, lt=3.1)]
+    aspect_ratio: Annotated[float, Field(gt=0.01, lt=100)] = 1.6
+    znear: Ignored = None
+    zfar: Ignored = None
+
+
+class Camera(Entry):
+    type: Literal["perspective", "orthographic"]
+    perspective: Perspective | None = None
+    orthographic: Ignored = None
+
+
+class Spot(Entry):
+    """Angles from the axis to where the light begins to fall off, and to its end."""
+
+    inner_cone_angle: Annotated[float, Field(ge=0)] = 0
+    outer_cone_angle: Annotated[float, Field(gt=0, le=1.5708)] = 0.785398163
+
+
+class Light(Entry):
+    """A lamp of KHR_lights_punctual: candela, or lux if it is directional."""
+
+    type: Literal["point", "spot", "directional"]
+    color: tuple[Positive, Positive, Positive] = (1, 1, 1)
+    intensity: Positive = 1
+    spot: Spot = Spot()
+    range: float | None = None
+
+
+class Lights(Entry):
+    lights: list[Light] = []
+
+
+class LightUse(Entry):
+    light: Index
 
 
 class Image(Entry):
@@ -149,7 +188,11 @@ class MetallicRoughness(Entry):
     base_color_texture: TextureUse | None = None
     metallic_factor: Unit = 1
     roughness_factor: Unit = 1
-    metallic_roughness_texture: Ignored = None
+    metallic_roughness_texture: TextureUse | None = None
+
+
+class Refraction(Entry):
+    ior: Annotated[float, Field(gt=1, le=4)] = 1.5
 
 
 class EmissiveStrength(Entry):
@@ -185,4 +228,4 @@ class Document(Entry):
     images: list[Image] = []
     samplers: list[Sampler] = []
     animations: Ignored = None
-    cameras: Ignored = None
+    cameras: Annotated[list[Camera], Field(exclude=True)] = []

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from saf_gen.core.config.document import check_plain_file
-from saf_gen.errors import BadInput, closest
+from saf_gen.errors import BadInput, closest, escape_controls
 
 GREY = (0.6, 0.6, 0.6)
 """Reflectance of a surface for which a file states no colour."""
@@ -49,6 +49,12 @@ class Surface:
         What is shown outside the picture.
     smooth : bool
         Whether colours between texels are interpolated.
+    roughness, metallic : float
+        Roughness, whose square is the α of the gloss, and the share of metal, 0 to 1; factors of the gloss's picture.
+    gloss_picture : ndarray or None
+        Roughness in green and metal in blue, uint8 (rows, columns, 4).
+    index : float
+        Refractive index, from which the gloss of what is not metal follows.
     """
 
     colour: tuple[float, float, float] = GREY
@@ -60,6 +66,10 @@ class Surface:
     emission_picture: np.ndarray | None = None
     wrap: Literal["repeat", "mirror", "clamp"] = "repeat"
     smooth: bool = True
+    roughness: float = 1.0
+    metallic: float = 0.0
+    gloss_picture: np.ndarray | None = None
+    index: float = 1.5
 
 
 @dataclass(frozen=True)
@@ -84,6 +94,8 @@ class Shape:
         Linear colours of the vertices, float64 (vertex, 3).
     flat : bool
         Whether triangles are shaded as planes; otherwise, missing normals are interpolated.
+    node : str
+        Name of the node that places it.
     """
 
     name: str
@@ -94,6 +106,7 @@ class Shape:
     uv: np.ndarray | None = None
     colours: np.ndarray | None = None
     flat: bool = False
+    node: str = ""
 
 
 class LeftOut:
@@ -108,7 +121,8 @@ class LeftOut:
 
     def lines(self) -> list[str]:
         """Return a line for each kind."""
-        return [f"{kind}: {_listed(list(names))}" if names else kind for kind, names in self._names.items()]
+        named = ((kind, f": {_listed(list(names))}" if names else "") for kind, names in self._names.items())
+        return [escape_controls(kind + shapes) for kind, shapes in named]
 
 
 def _listed(names: list[str]) -> str:
@@ -143,7 +157,8 @@ def checked(shape: Shape, left_out: LeftOut, *, path: Path) -> Shape:
         raise BadInput(f"the emission{of} is {stated}", where=str(path), allowed="0 or more", hint="correct it")
     if any(shape.surface.emission) and shape.surface.alpha != "opaque":
         raise BadInput(f"the surface{of} emits light and is not opaque", where=str(path), hint="make it one of them")
-    pictured = shape.surface.picture is not None or shape.surface.emission_picture is not None
+    surface = shape.surface
+    pictured = any(one is not None for one in (surface.picture, surface.emission_picture, surface.gloss_picture))
     if pictured and shape.uv is None:
         raise refusal(f"the faces{of} have a texture and no texture coordinates")
     used, triangles = np.unique(shape.triangles, return_inverse=True)

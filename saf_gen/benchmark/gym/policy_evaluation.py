@@ -77,7 +77,7 @@ def evaluate_policy(
             what = sequence.describe(stream, inner.protocol, region=sequence.box)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
         who = Who(method, code, sequence.region, inner.parameters, machine=describe_machine())
-        records.append(sequence.make_record(who, what, run=run))
+        records.append(sequence.make_record(run, who=who, what=what))
     if out is not None:
         write_records(Path(out) / RECORDS_FILE, records)
     return records

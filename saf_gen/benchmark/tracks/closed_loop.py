@@ -78,11 +78,11 @@ class ClosedLoopSequence:
         """Return an empty store for what the camera captures of the box, with ``threads``, by default one per core."""
         return CapturedReadouts(self.capture, self.light, region=self.box, threads=threads)
 
-    def make_record(self, who: Who, what: What, *, run: Run) -> Record:
+    def make_record(self, run: Run, *, who: Who, what: What) -> Record:
         """Return the record of a run."""
         truth, hz = self.capture.truth, self.capture.sensor.readout_hz
         optima = self.capture.optima if truth.track is None else {}  # the lens takes its own course
-        return make_record(who, what, run=run, truth=truth, end_s=lambda frames: frames / hz, optima=optima)
+        return make_record(run, who=who, what=what, truth=truth, end_s=lambda frames: frames / hz, optima=optima)
 
     def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str | Region) -> What:
         """Return what the records of this sequence have in common; ``region`` is that of the mean counts."""
@@ -144,7 +144,7 @@ def evaluate_closed_loop(
     for done, method in enumerate(methods, start=1):
         run = run_closed_loop(captured[commands(method.search)], method, protocol=protocol)
         run = replace(run, reference_rate=rate_here)
-        records.append(sequence.make_record(method.who(sequence.region), what, run=run))
+        records.append(sequence.make_record(run, who=method.who(sequence.region), what=what))
         paths.append(_sample_path(sequence, run, method=method.name))
         step(done, method.name)
     return records, paths

@@ -33,10 +33,10 @@ ENERGY_OF_MEASURE: Mapping[str, str] = {
 
 
 def make_record(
+    run: Run,
+    *,
     who: Who,
     what: What,
-    *,
-    run: Run,
     truth: Truth,
     end_s: Callable[[int], float],
     optima: Mapping[str, float],
@@ -46,10 +46,10 @@ def make_record(
 
     Parameters
     ----------
+    run : Run
+        The run of a method on a sequence.
     who, what : Who, What
         Method and sequence.
-    run : Run
-        The run of the method on the sequence.
     truth : Truth
         Truth of the recording.
     end_s : callable

@@ -104,7 +104,7 @@ def evaluate_recorded(
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, None if method.guest else method.measure)
             run = run_recorded(method, view, stream=stream, rate=reference_rate(counts.shape))
-            records.append(make_record(method.who(region_name), what, run=run, **known))
+            records.append(make_record(run, who=method.who(region_name), what=what, **known))
             blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
             if blocks_alone and method.measure_name not in curves and not run.problem:
                 curves[method.measure_name] = _make_curve(view, method.measure_name, answer=run.answer)
@@ -113,7 +113,7 @@ def evaluate_recorded(
             made = {"parameters": "predicted elsewhere", "machine": describe_machine()}
             for prediction in predictions.for_sequence(task.id):
                 who = Who(prediction.method, predictions.code, region_name, **made)
-                records.append(make_record(who, what, run=run_of_prediction(prediction, stream), **known))
+                records.append(make_record(run_of_prediction(prediction, stream), who=who, what=what, **known))
         sweep = SweepSummary(
             sequence=task.id,
             split=task.split,

@@ -172,7 +172,7 @@ def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advi
 
 
 def _no_plugin_error(what: str) -> BadInput:
-    return BadInput(f"{what} is not a plug-in", allowed="a function or a class; see docs/how-to/add-a-plugin.md")
+    return BadInput(f"{what} is not a plug-in", allowed="a function or a class; see docs/add-a-method.md")
 
 
 def _import_file(path: Path) -> ModuleType:

@@ -28,7 +28,7 @@ def multiply(lights: Iterable[Light]) -> "Product":
             raise BadInput(
                 f"{light!r} cannot be a factor of a product: it does not say its gain at a moment",
                 allowed="schedules with the methods gain and breaks, as all have that come with saf_gen",
-                hint="add both methods to it: docs/how-to/add-a-plugin.md",
+                hint="add both methods to it: docs/add-a-method.md",
             )
         factors.append(light)
     return Product(tuple(factors))

@@ -14,7 +14,7 @@ class SpikeDispersionDebiased:
 
     The counts, (2, row, col), are those of the first half of the frames and of the rest. Noise that the halves do not
     share cancels in the covariance. They do share the charge that is left over at the end of the first half. It adds
-    −1/12 (the average of the exact law, docs/explanation/spike-camera.md) if fractions of a count are distributed
+    −1/12 (the average of the exact law, docs/spike-camera.md) if fractions of a count are distributed
     evenly over the pixels, as they are if the counts of a half span one count or more. Over a narrower span, it adds 0
     to −1/4, which 1/12 does not balance: the error may exceed the error of ``sd``, and an even field may score below 0.
     Odd and even frames cannot replace the halves: they divide one train of spikes, and their covariance is far lower.

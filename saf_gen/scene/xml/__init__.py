@@ -24,7 +24,7 @@ from saf_gen.scene.obj_file import counts_from_the_end
 from saf_gen.scene.picture_file import validate_picture
 from saf_gen.scene.ply_file import is_ply, validate_ply
 
-__all__ = ["ALLOWED_PLUGINS", "SceneXml", "read_scene_xml"]
+__all__ = ["ALLOWED_PLUGINS", "NOT_RENDERED", "Element", "SceneXml", "read_scene_xml"]
 
 MAX_DEPTH = 64  # levels of nested elements
 MAX_BYTES = 1 << 26
@@ -150,6 +150,17 @@ ALLOWED_PLUGINS: dict[str, frozenset[str]] = {
 """Plug-ins that may be loaded, by element. Mitsuba loads a shared library by its name alone, so only known names are
 allowed. ``blender`` is not, because it reads memory at an address given in the file."""
 
+NOT_RENDERED = {
+    "blackbody": "an <rgb>; the colour of a lamp is stated by the recipe, spectrum: {blackbody: 3000}",
+    "irregular": 'an <rgb>, or <spectrum value="400:0.2, 700:0.8"/>',
+    "regular": 'an <rgb>, or <spectrum value="400:0.2, 700:0.8"/>',
+    "sunsky": "envmap, with a picture of the sky, and directional for the sun",
+    "timed_sunsky": "envmap, with a picture of the sky, and directional for the sun",
+    "directionalarea": "area, directional",
+    "projector": "spot, or area with a bitmap for its radiance",
+}
+"""Plug-ins that need Mitsuba's spectral modes, or whose light the paths of this renderer miss, and what to use."""
+
 OTHER_ELEMENTS = frozenset(
     (
         *("boolean", "integer", "float", "string", "point", "vector", "rgb", "spectrum", "transform", "ref"),
@@ -176,6 +187,8 @@ def vet_element(element: Element, folder: Path, *, convertible: bool = False, in
         raise unknown("element", tag, allowed=known, where=f"{element.file}:{element.line}")
     if tag in ALLOWED_PLUGINS and (tag != "spectrum" or "type" in attributes):
         plugin = require_attribute(element, "type")
+        if plugin in NOT_RENDERED:
+            raise BadInput(f"{plugin} is not rendered", where=element.where, allowed=NOT_RENDERED[plugin])
         if plugin not in ALLOWED_PLUGINS[tag]:
             hint = "no other plug-in is loaded from an XML scene"
             if plugin == "blender":
@@ -275,6 +288,8 @@ class SceneXml:
         The elements as plain XML, without sensors and integrators. Every object at the top level has an id.
     cameras : str
         The sensors, without their films, as the XML of a separate scene.
+    films : tuple of Element or None
+        The film of each sensor.
     files : tuple of tuple
         All other files that the scene needs: the name relative to its folder, and the path to which it resolves.
     ignored : tuple of Element
@@ -288,6 +303,7 @@ class SceneXml:
     files: tuple[SceneFile, ...]
     ignored: tuple[Element, ...] = ()
     media: tuple[str, ...] = ()
+    films: tuple[Element | None, ...] = ()
 
     def with_copies(self, copies: Mapping[Path, Path]) -> "SceneXml":
         """Return the scene with copies in place of some of its files."""
@@ -346,6 +362,7 @@ def read_scene_xml(path: Path, params: Mapping[str, Any], *, convertible: bool =
         tuple(dict.fromkeys(files)),
         tuple(resolver.ignored),
         tuple(dict.fromkeys(_media([*elements, *resolver.cameras]))),
+        tuple(resolver.films),
     )
 
 
@@ -361,14 +378,15 @@ def _media(elements: list[Element]) -> Iterator[str]:
 class _Resolver:
     """Substitutes parameters, replaces includes by the elements that they include, and drops ignored elements.
 
-    ``values``, ``cameras``, ``included`` and ``ignored`` are the parameters, sensors, included files and ignored
-    elements found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
+    ``values``, ``cameras``, ``films``, ``included`` and ``ignored`` are the parameters, sensors, their films, included
+    files and ignored elements found so far. As in Mitsuba, a parameter is defined from its ``<default>`` element on.
     """
 
     def __init__(self, folder: Path, params: Mapping[str, Any]) -> None:
         self.folder, self.params = folder, params
         self.values: dict[str, str] = {}
         self.cameras: list[Element] = []
+        self.films: list[Element | None] = []
         self.included: list[SceneFile] = []
         self.ignored: list[Element] = []
         self._count = 0
@@ -381,9 +399,11 @@ class _Resolver:
                     self._fill(element)
                 self.ignored.append(element)
                 continue
+            film = next((inner for inner in element.children if inner.tag == "film"), None)
             self._fill(element)
             if element.tag == "sensor":
                 self.cameras.append(element)
+                self.films.append(film)
             elif element.tag == "include":
                 name, file = resolve_file(element, "filename", folder=self.folder)
                 if file in open_files:

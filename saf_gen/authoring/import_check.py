@@ -1,0 +1,58 @@
+"""The check of an imported scene: its source's own camera, rendered by Mitsuba in RGB, beside the imported scene.
+
+What an import reads otherwise than Mitsuba shows there, be it a pose, a lamp or a colour.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from saf_gen.authoring.meshes import encode_png
+from saf_gen.render.exported_camera import SENSOR_WIDTH_M, source_picture
+from saf_gen.render.render_setup import SensorGrid
+from saf_gen.render.scene_renderer import SceneRenderer
+from saf_gen.scene.scene_folder import COMPARISON, load_scene
+
+COLUMNS, ROWS, BLOCK, ENLARGED, SAMPLES = 96, 60, 6, 4, 64
+DARK = 0.25  # of the mean: differences of darker blocks count as if they had this brightness
+
+
+def compare_with_source(folder: Path, *, variant: str = "auto") -> str:
+    """Write the picture of a scene's source, that of the scene, and their difference, and return a line about them.
+
+    Differences are those of blocks of 6 × 6 pixels.
+
+    Raises BadInput if one of them cannot be rendered.
+    """
+    grid = SensorGrid(ROWS, COLUMNS, SENSOR_WIDTH_M / COLUMNS)
+    source = source_picture(folder / "scene.xml", grid, samples=SAMPLES)
+    scene = load_scene(folder)
+    pose = scene.card.camera
+    position = scene.build_drive().best_position(float(np.linalg.norm(np.subtract(pose.look_at_m, pose.origin_m))))
+    renderer = SceneRenderer(scene, grid, backend_name=variant)
+    imported = renderer.render_pinhole(float(position), samples=SAMPLES)
+    _write(folder / COMPARISON, source, imported=imported)
+    theirs, ours = (_blocks(picture) for picture in (source, imported))
+    apart = np.abs(ours - theirs) / np.maximum(theirs, DARK * theirs.mean())
+    row, column = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
+    place = f"{(column + 0.5) * BLOCK / COLUMNS:.0%} from the left, {(row + 0.5) * BLOCK / ROWS:.0%} from the top"
+    return (
+        f"picture: apart from Mitsuba's of the source by at most {apart[row, column]:.0%}, {place}, and by "
+        f"{np.sqrt(np.mean(apart**2)):.1%} rms; {folder / COMPARISON} shows source, scene and difference"
+    )
+
+
+def _blocks(picture: np.ndarray) -> np.ndarray:
+    """Return the means of blocks of pixels."""
+    rows, columns = picture.shape
+    return np.asarray(
+        picture.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).mean(axis=(1, 3), dtype=np.float64)
+    )
+
+
+def _write(path: Path, source: np.ndarray, *, imported: np.ndarray) -> None:
+    """Write both pictures and their difference side by side, with the same white."""
+    white = max(float(np.quantile(source, 0.99)), 1e-30)
+    parts = np.concatenate([source, imported, np.abs(imported - source)], axis=1)
+    grey = np.round(255 * np.clip(parts / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+    path.write_bytes(encode_png(np.kron(grey, np.ones((ENLARGED, ENLARGED), np.uint8))))
