@@ -1,5 +1,6 @@
 """A recipe places the slices of a moving scene by the blur of what moves in it; nothing is rendered for it."""
 
+import shutil
 from itertools import pairwise
 
 import pytest
@@ -23,7 +24,14 @@ STEP = 200  # frames between the slices of bottle as its card states them
 
 
 @pytest.fixture
-def resolve(tmp_path):
+def resolve(tmp_path, monkeypatch):
+    """A function that resolves the recipe with other keys of ``render``; the card says where bubbles move."""
+    folder = tmp_path / "scenes" / "bottle"
+    shutil.copytree(find_scene("bottle").folder, folder)
+    with (folder / "scene.yaml").open("a") as card:
+        card.write("moving_depth: {range_m: [-0.002, 0.052], param: distance_m}  # from face to back\n")
+    monkeypatch.setenv("SAF_GEN_SCENES", str(folder.parent))
+
     def resolved(render=""):
         path = tmp_path / "by_blur.yaml"
         path.write_text(RECIPE.replace("render: {", f"render: {{{render}, " if render else "render: {"))
@@ -74,12 +82,13 @@ def test_all_in_focus_nothing_is_blurred_so_slices_are_dense_everywhere(resolve)
 
 
 def test_a_card_may_leave_it_out(tmp_path, monkeypatch):
-    assert find_scene("snowfall").card.moving_depth is None
+    assert find_scene("fan").card.moving_depth is None
     folder = tmp_path / "scenes" / "mine"
     folder.mkdir(parents=True)
     monkeypatch.setenv("SAF_GEN_SCENES", str(folder.parent))
     (folder / "scene.py").write_text("def build(params): ...\n")
     card = (find_scene("fan").folder / "scene.yaml").read_text().replace("id: fan", "id: mine")
+    card += "moving_depth: {range_m: [0.012, 0.047], param: distance_m}\n"
     (folder / "scene.yaml").write_text(card.replace("param: distance_m", "param: target"))
     assert_says(refusal(load_scene, folder), "moving_depth.param is 'target' | a parameter that is a number")
     (folder / "scene.yaml").write_text(card.replace("[0.012, 0.047]", "[0.047, 0.012]"))
