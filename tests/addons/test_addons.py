@@ -84,6 +84,7 @@ finally:
     assert not {"numba", "scipy", "h5py", "matplotlib", "saf_gen.benchmark", "saf_gen.render"} & set(loaded)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("addon", ADDONS)
 def test_without_an_addon_everything_else_works_and_its_commands_are_unknown(addon, tmp_path):

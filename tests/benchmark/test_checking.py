@@ -81,6 +81,7 @@ def stream(tmp_path_factory):
     return path
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("method", "failed"),
     [
@@ -117,6 +118,7 @@ def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     assert "zero when empty" in board.to_csv()
 
 
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("door", ["score", "view"])
 @pytest.mark.parametrize(
     ("name", "says"),

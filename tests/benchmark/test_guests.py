@@ -74,6 +74,7 @@ def run(sweep):
             guest.close()
 
 
+@pytest.mark.daily(24)
 @pytest.mark.parametrize(
     "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.slow) for name in HOSTILE]
 )
@@ -284,6 +285,7 @@ def method_folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("file", "text"),
     [
@@ -342,6 +344,7 @@ def test_two_files_with_equally_named_helpers_stay_apart(tmp_path, run):
     assert a[0].frame != b[0].frame
 
 
+@pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "path",
     ["my dir/mine.py", "a+b/mine.py", "a + b/my file.py", "a,b=c/mine.py", "at@home/mine.py", "it's (1)/mine.py"],

@@ -163,6 +163,7 @@ def state_of(row, folder, source, **options):
     return verdicts[row].state, verdicts[row].reason
 
 
+@pytest.mark.daily(8)
 @pytest.mark.parametrize("key", [field.name for part in PARTS for field in fields(part)])
 def test_every_change_of_a_record_is_found_but_for_time_and_machine(evaluation, dataset, key):
     lines = lines_of(evaluation)
