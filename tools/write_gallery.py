@@ -74,7 +74,8 @@ def write_gallery(
         sections[scene.id] = section(scene, picture=picture, folder=folder)
     moving = ", ".join(f"`{scene.id}`" for scene in scenes if scene.id in sections and scene.card.slices_per_s)
     known = "`saf-gen scenes show NAME` prints the target, the light and the parameters of a scene."
-    head = fill(f"Scenes that move: {moving or 'none'}. {known}")
+    at_rest = "They are at rest unless a recipe says `scene_motion: [dynamic]`."
+    head = fill(f"Scenes that move: {moving or 'none'}. {at_rest} {known}")
     page = [HEAD.format(table=thumbnail_table(sorted(sections)), moving=head)]
     for name in sorted(sections):
         page += [f"## {name}", "", sections[name]]
