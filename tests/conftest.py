@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     cases = defaultdict(list)
     for item in items:
-        if item.get_closest_marker("daily"):
+        if item.get_closest_marker("daily") and not item.get_closest_marker("long"):
             cases[item.nodeid.partition("[")[0]].append(item)
     for of_test in cases.values():
         (count,) = of_test[0].get_closest_marker("daily").args

@@ -76,6 +76,7 @@ def parsed(path):
     return ast.parse(path.read_text())
 
 
+@pytest.mark.slow
 def test_layers_and_circles_are_as_pyproject_states_them():
     run = subprocess.run(
         [sys.executable, "-c", "from importlinter.cli import lint_imports_command as run; run(['--no-cache'])"],
@@ -113,6 +114,7 @@ def test_random_streams_come_from_seeds_alone():
             assert not found, f"{path} makes its own random stream"
 
 
+@pytest.mark.slow
 def test_only_the_command_line_prints():
     for path in (path for path in sources() if "print" in path.read_text()):
         calls = (n.func for n in ast.walk(parsed(path)) if isinstance(n, ast.Call))

@@ -63,12 +63,14 @@ def test_no_command_of_an_addon_has_the_name_of_another_command():
     assert all(words.rpartition(" ")[0] in ("", *GROUPS, *groups) for words in commands)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("addon", ADDONS)
 def test_the_commands_of_an_addon_can_be_imported_first(addon):
     done = run(f"import saf_gen.addons.{addon}.commands as it; from saf_gen.cli import main; main(['--version'])")
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_a_start_of_the_command_line_imports_nothing_of_an_addon_but_its_commands():
     code = """
 import sys

@@ -77,6 +77,7 @@ def test_a_scene_in_focus_everywhere_at_any_scale_is_refused(own_folder, taken, 
     assert "and no smaller scale helps" in refusal(taken, path).problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])
 def test_the_checks_say_first_that_a_smaller_unit_would_do(own_folder, taken, unit_m):
     scene, _ = taken(write_export(own_folder, PRINT.format(size=100), k=1000.0))
@@ -202,6 +203,7 @@ def test_the_target_is_what_the_middle_of_the_picture_shows(own_folder, taken, b
     assert seen.depth == pytest.approx(0.55 if target == "print" else 0.45, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_an_instance_is_a_target_that_the_checks_find(own_folder, taken):
     group = f'<shape type="shapegroup" id="group"><shape type="rectangle" id="leaf">{MATT.format("")}</shape></shape>'
     place = '<transform name="to_world"><scale value="0.1"/></transform>'

@@ -35,6 +35,7 @@ def largest(line):
     return float(line.split("by at most ")[1].split("%")[0]) / 100
 
 
+@pytest.mark.slow
 def test_a_scene_as_in_its_source_differs_by_noise_alone_and_the_picture_changes_no_digest(take):
     folder, _ = take()
     digest = load_scene(folder).digest
@@ -47,6 +48,7 @@ def test_a_scene_as_in_its_source_differs_by_noise_alone_and_the_picture_changes
     assert grey[:, 768:].mean() < 50 < grey[:, :384].mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edit", [("look_at_m: [0, 0, 0]", "look_at_m: [0.02, 0, 0]"), ("exported", "of others")])
 def test_a_camera_that_is_not_that_of_the_source_shows(take, edit):
     folder, _ = take()

@@ -104,6 +104,7 @@ def longest():
 LONGER = "_at_the_far_end_of_the_long_bench.001" + " in words" * 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("panels", "more"), [(5, ""), (3, LONGER), (9, LONGER)], ids=["5", "3 longer", "9 longer"])
 def test_no_title_overlaps_another_or_leaves_the_sheet(longest, panels, more):
     title, light = longest
@@ -117,6 +118,7 @@ def test_no_title_overlaps_another_or_leaves_the_sheet(longest, panels, more):
     assert_legible(drawn(ContactSheet(title + more, stack_of(*DRIVES["stage"]), SENSOR), cells))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lights", "contrast", "sharp"), [(2, 0.02, True), (3, 0.001, False), (8, 1, True)])
 def test_the_sheet_of_any_scene_is_legible(longest, lights, sharp, contrast):
     """Sheets of datasets lack the image with everything sharp; three lights make seven images then.
@@ -161,6 +163,7 @@ def mine(tmp_path, own_folder):
     return edit
 
 
+@pytest.mark.slow
 def test_a_sheet_of_a_scene_shows_its_lights_and_its_family(mine):
     sheet = make_sheet(mine(), SENSOR, backend=VARIANT)
     assert sheet.stack.spec.groups == ("lamp", "room")

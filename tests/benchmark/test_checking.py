@@ -81,6 +81,7 @@ def stream(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("method", "failed"),
@@ -99,6 +100,7 @@ def test_the_first_check_that_a_method_of_others_fails_is_named(theirs, method, 
     found.guest.close()
 
 
+@pytest.mark.slow
 def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     good, bad = (f"{theirs}:{name}+argmax:window=50" for name in ("good", "drifts"))
     records = evaluate(write_three_sweeps(tmp_path / "three"), methods=["sd+argmax", good, bad], draw=False).records
@@ -118,6 +120,7 @@ def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     assert "zero when empty" in board.to_csv()
 
 
+@pytest.mark.slow
 @pytest.mark.daily(4)
 @pytest.mark.parametrize("door", ["score", "view"])
 @pytest.mark.parametrize(
@@ -139,6 +142,7 @@ def test_a_measure_that_ends_or_crashes_is_one_line(call, theirs, stream, tmp_pa
     assert f"focus measure '{theirs}:{name}'" in err
 
 
+@pytest.mark.slow
 def test_measures_of_others_score_a_stream_as_in_this_process(call, theirs, stream):
     from saf_gen.plugins.measures import get_measure
 
@@ -150,6 +154,7 @@ def test_measures_of_others_score_a_stream_as_in_this_process(call, theirs, stre
     assert (code, shown.count("\n"), err) == (0, 3, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "code", "says"), [("good", 0, "pass"), ("ends", 1, "exit code 0"), ("drifts", 1, "fail")]
 )
@@ -160,6 +165,7 @@ def test_methods_check_ends_well_whatever_it_checks(call, theirs, name, code, sa
     assert {one["name"] for one in json.loads(found[1])} == {f"{theirs}:{name}"}
 
 
+@pytest.mark.slow
 def test_methods_show_describes_code_of_others_without_loading_it_here(call, theirs):
     code, shown, _ = call("methods", "show", f"{theirs}:Halves:scale=2+{theirs}:Answers0")
     assert code == 0

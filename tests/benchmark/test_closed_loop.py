@@ -240,6 +240,7 @@ class Sound:
         return go_to(0.5)(view)
 
 
+@pytest.mark.slow
 def test_broken_methods_do_not_affect_others(dataset, register):
     """Each broken method has a failed record of each sequence; the sound one answers on all."""
     searches = {
@@ -291,6 +292,7 @@ def test_stacks_that_cannot_be_read_are_no_fault_of_a_method(capture, search, er
         run_method(capture, method(search), light=Torn(light.source, light.gain))
 
 
+@pytest.mark.slow
 def test_both_regions_are_seen(dataset):
     steps = []
     protocol = ClosedLoopProtocol(IDEAL, budget_s=0.02)

@@ -131,6 +131,7 @@ def package_of_the_page(tmp_path, monkeypatch, forget_packages):
         sys.modules.pop(name, None)
 
 
+@pytest.mark.slow
 def test_the_files_shown_are_complete_short_and_conform(package_of_the_page, tmp_path):
     assert all(len(text.splitlines()) <= 25 for text in code_blocks("python"))
     assert {"my_measure", "my_measure_n"} <= set(measure_names())

@@ -293,11 +293,13 @@ def test_a_broken_search_with_the_lens_is_caught(name, words, plug_in):
     assert_caught(check_search(plug_in, SOON), name, "error", words)
 
 
+@pytest.mark.slow
 def test_a_search_with_the_lens_that_finds_nothing_is_warned_of():
     plug_in = moving(lambda answer: Answer(position=None if answer.position is None else 0.5))
     assert_caught(check_search(plug_in), "finds the focus", "warning", "0 → 0.5.*, 1 → 0.5")
 
 
+@pytest.mark.slow
 def test_the_plug_ins_that_the_broken_ones_are_made_of_conform():
     checked = [
         *map(check_measure, [measure_of(), measure_of(partialmethod(contrast, empty=0.0), degree=0)]),

@@ -130,6 +130,7 @@ MOVED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motion", "in_reach"), MOVED.values(), ids=MOVED)
 def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, in_reach):
     """All default methods answer, argmax correctly; errors refer to the position and to the nearest focus crossing.
@@ -160,6 +161,7 @@ def test_no_method_breaks_on_a_lens_that_comes_back_or_rests(tmp_path, motion, i
     assert records[-1].success() is in_reach
 
 
+@pytest.mark.slow
 def test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log(tmp_path):
     """The log leads by 0.1, a depth of focus: all that depends on the lens is that of a stream without the log."""
     lens = np.linspace(0, 0.9, 800, dtype=np.float32)
@@ -171,6 +173,7 @@ def test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log(tmp_path):
     assert abs(driven.judgement.error) < 0.05
 
 
+@pytest.mark.slow
 def test_a_stream_without_truth_or_without_a_lens_record_is_searched_with_null_errors(tmp_path):
     write_sweep(tmp_path / "blind.h5", PEAK, known=False)
     record = one(tmp_path / "blind.h5", "sd+argmax:window=50")
@@ -202,6 +205,7 @@ def two_depths(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_both_regions_are_two_methods_each(two_depths):
     alone = {region: one(two_depths, "sd+argmax:window=50", region=region) for region in ("target", "frame")}
     assert abs(alone["target"].frame - 600) <= 25.5  # it sees only the box round the target
@@ -221,6 +225,7 @@ def test_both_regions_are_two_methods_each(two_depths):
     assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
 
 
+@pytest.mark.slow
 def test_a_method_may_name_its_region(two_depths):
     found = evaluate(two_depths, methods=["sd+argmax", "sd+argmax@frame", "sd+argmax@target"], region="frame")
     assert {r.who.method: r.who.region for r in found.records} == {
@@ -238,6 +243,7 @@ def test_an_at_elsewhere_in_a_method_is_no_region(tmp_path):
         assert parse_method(f"{tmp_path}/at@home.py:Range+argmax{end}").region == region
 
 
+@pytest.mark.slow
 def test_a_sequence_that_breaks_in_the_second_region_is_a_failure(dataset, tmp_path):
     """Its spikes are damaged once the method has answered for the first region."""
     copy = shutil.copytree(dataset, tmp_path / "copy")
@@ -284,6 +290,7 @@ def test_an_abstention_is_recorded_apart_from_errors(stream_file, register):
     assert record.judgement.lens_travel == pytest.approx(99 / 799, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("search", "note"),
     [
@@ -366,6 +373,7 @@ def state_another_digest(file):
     file.attrs["content_sha256"] = "0" * 64
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("listed", [True, False])
 @pytest.mark.parametrize("change", [darken, flip_the_last_bit, move_the_lens, state_another_digest])
 def test_no_record_names_a_content_that_is_not_in_the_file(dataset, tmp_path, change, listed):
@@ -392,6 +400,7 @@ def test_no_record_names_a_content_that_is_not_in_the_file(dataset, tmp_path, ch
     assert_says(error, f"{path}: the content has SHA-256")
 
 
+@pytest.mark.slow
 def test_a_file_of_other_bytes_with_the_same_content_is_judged(dataset, tmp_path):
     """Another program stored it without compression."""
     copy = shutil.copytree(dataset, tmp_path / "copy")
@@ -403,6 +412,7 @@ def test_a_file_of_other_bytes_with_the_same_content_is_judged(dataset, tmp_path
     assert evaluate(copy, methods=["sd+argmax"]).records[0].what.data == evaluate(dataset).records[0].what.data
 
 
+@pytest.mark.slow
 def test_sweeps_are_kept_for_drawn_sequences_and_curve_quality_for_all(tmp_path):
     """Of two sequences of one condition, the first is drawn."""
     for name in ("a", "b"):
@@ -436,6 +446,7 @@ def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, reg
     assert one(tmp_path / "out.h5", "sd+mine").success_1dof is True
 
 
+@pytest.mark.slow
 def test_every_method_meets_every_sequence_in_order(dataset):
     steps = []
     methods = ["sd+argmax", "er_count+argmax"]
@@ -450,6 +461,7 @@ def test_every_method_meets_every_sequence_in_order(dataset):
     assert {total for _, total, _ in steps} == {6}
 
 
+@pytest.mark.slow
 def test_a_split_and_a_scene_motion_pick_their_sequences_and_an_unknown_one_is_named(dataset):
     assert len(evaluate(dataset, methods=["sd+argmax"], split="all", scene_motion="static").records) == 3
     error = refusal(evaluate, dataset, methods=["sd+argmax"], scene_motion="dynamic")

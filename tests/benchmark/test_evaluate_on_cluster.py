@@ -28,6 +28,7 @@ def plain(result):
     return records, [(s.sequence, np.asarray(s.rate).tobytes(), s.thumbnails is not None) for s in result.sweeps]
 
 
+@pytest.mark.slow
 def test_an_evaluation_on_a_cluster_gives_the_same_in_the_same_order(dataset, cluster_address, tmp_path, monkeypatch):
     """This includes a method in a user's file, and predictions."""
     (tmp_path / "mine.py").write_text(MINE)
@@ -52,6 +53,7 @@ def test_a_method_that_was_changed_meanwhile_is_a_failure_that_says_so(dataset, 
     assert "has different code on a worker" in found.failures[0].problem
 
 
+@pytest.mark.slow
 def test_what_was_evaluated_before_the_scheduler_was_lost_is_kept(dataset, cluster_address, tmp_path, monkeypatch):
     def lost_after_one(jobs, **how):
         yield next(iter(run(jobs, **how)))

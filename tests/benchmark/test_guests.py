@@ -92,6 +92,7 @@ def test_a_hostile_method_fails_for_itself_only(run, sweep, name):
     assert after.frame is not None
 
 
+@pytest.mark.slow
 def test_a_guest_gives_what_the_same_method_gives_in_the_evaluator(tmp_path):
     """Bit for bit, for each form of input and for a search that looks at counts, in both tracks."""
     (tmp_path / "mine.py").write_text(COPIES)
@@ -105,6 +106,7 @@ def test_a_guest_gives_what_the_same_method_gives_in_the_evaluator(tmp_path):
             assert {key: (a[key], b[key]) for key in a if a[key] != b[key]} == {}, other
 
 
+@pytest.mark.slow
 def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
     (tmp_path / "mine.py").write_text(COPIES + WAITS)
     searches = ("hill_climb", "golden_section", "sgfs_causal", "photon_aware", f"{tmp_path}/mine.py:Waits")
@@ -125,6 +127,7 @@ def test_the_closed_loop_is_the_same_for_a_guest(tmp_path, captured_dataset):
     )
 
 
+@pytest.mark.long
 def test_hostile_methods_fail_for_themselves_in_the_closed_loop(tmp_path, captured_dataset):
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
     hostile = {f"sd+{FILE}:{name}": HOSTILE[name] for name in FEW}
@@ -195,6 +198,7 @@ def plain(record):
     return {key: value for key, value in record_to_json(record).items() if key not in OWN}
 
 
+@pytest.mark.slow
 def test_a_saboteur_changes_no_row_of_another(tmp_path):
     (tmp_path / "mine.py").write_text("import numpy as np\ndef mine(counts):\n    return float(np.var(counts))\n")
     dataset = write_three_sweeps(tmp_path / "three")
@@ -209,6 +213,7 @@ def test_a_saboteur_changes_no_row_of_another(tmp_path):
     assert {r.judgement.status for r in beside if r.who.method == saboteurs[2]} == {"failed"}
 
 
+@pytest.mark.slow
 def test_a_guest_holds_no_file_no_path_and_no_truth(tmp_path):
     """It looks through its descriptors, arguments, environment, folder and memory for what the evaluator knows."""
     dataset = write_three_sweeps(tmp_path / "secret-dataset-of-nobody")
@@ -285,6 +290,7 @@ def method_folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("file", "text"),
@@ -311,6 +317,7 @@ def test_the_digest_of_a_method_covers_what_it_reads_while_it_loads(method_folde
         method.guest.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "new"), [("FACTOR = 2", "# a remark\nFACTOR = 2"), ("FACTOR = 2", "FACTOR  =  2")])
 def test_remarks_and_blanks_do_not_change_a_digest(method_folder, old, new):
     spec = f"{method_folder}/mine.py:Mine+argmax:window=50"
@@ -321,6 +328,7 @@ def test_remarks_and_blanks_do_not_change_a_digest(method_folder, old, new):
     method.guest.close()
 
 
+@pytest.mark.slow
 def test_the_digest_does_not_depend_on_the_folder_but_on_the_options(method_folder, tmp_path_factory):
     other = tmp_path_factory.mktemp("elsewhere") / "moved"
     shutil.copytree(method_folder, other)
@@ -332,6 +340,7 @@ def test_the_digest_does_not_depend_on_the_folder_but_on_the_options(method_fold
     assert codes[0] == codes[1] != codes[2]
 
 
+@pytest.mark.slow
 def test_two_files_with_equally_named_helpers_stay_apart(tmp_path, run):
     for name, factor in (("a", 1.0), ("b", -1.0)):
         (tmp_path / name).mkdir()
@@ -344,6 +353,7 @@ def test_two_files_with_equally_named_helpers_stay_apart(tmp_path, run):
     assert a[0].frame != b[0].frame
 
 
+@pytest.mark.slow
 @pytest.mark.daily(2)
 @pytest.mark.parametrize(
     "path",
@@ -376,6 +386,7 @@ def test_a_plus_in_a_path_is_no_sign_of_a_method(name, halves):
     assert split_halves(name) == halves
 
 
+@pytest.mark.slow
 def test_a_guest_that_cannot_be_started_again_fails_its_own_row(tmp_path, captured_dataset, monkeypatch):
     """It ends in the first sequence, when the machine is out of processes."""
     protocol = ClosedLoopProtocol(get_actuator("voice_coil"))
@@ -412,6 +423,7 @@ def running_children():
     return {pid for pid in children(os.getpid()) if Path(f"/proc/{pid}").exists()}
 
 
+@pytest.mark.slow
 def test_an_error_of_the_evaluator_in_mid_run_ends_the_guest(tmp_path, sweep):
     """Otherwise the guest would take the first reply of its next run for a window of this one."""
     (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
@@ -434,6 +446,7 @@ def admitted_alone(spec, sweep):
     return run_method(method, view, scorer=view.scorer)[0]
 
 
+@pytest.mark.slow
 def test_a_killed_evaluator_leaves_no_guest_and_no_folder(tmp_path):
     (tmp_path / "mine.py").write_text("def mine(counts):\n    return float(counts.var())\n")
     code = (

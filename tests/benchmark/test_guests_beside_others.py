@@ -88,6 +88,8 @@ def foreign(tmp_path_factory):
     return [f"{path}:spread+argmax:window=40", f"sd+{path}:scan"]
 
 
+@pytest.mark.slow
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("track", ["recorded", "closed_loop"])
 @pytest.mark.parametrize(
     "names", [pytest.param(FEW, id="few"), pytest.param(tuple(HOSTILE), marks=pytest.mark.long, id="all")]

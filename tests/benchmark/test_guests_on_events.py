@@ -65,6 +65,7 @@ def guest(tmp_path):
     return write
 
 
+@pytest.mark.slow
 def test_a_guest_sees_the_polarities_that_a_search_of_ours_sees(events, guest):
     path, falls, rises = events
     (record,) = evaluate(path, methods=[guest()]).records
@@ -75,6 +76,7 @@ def test_a_guest_sees_the_polarities_that_a_search_of_ours_sees(events, guest):
     assert record.judgement.operations == pytest.approx(40 * (100.0 * 120 + 2e5))  # undeclared: a look, and a window
 
 
+@pytest.mark.slow
 def test_a_guest_that_does_not_say_so_fails_in_one_line_where_there_are_no_events(tmp_path, guest):
     saf_gen.write_stream(tmp_path / "spikes.h5", np.zeros((160, 10, 12), np.uint8))
     (record,) = evaluate(tmp_path / "spikes.h5", methods=[guest(polarities="")]).records
@@ -82,6 +84,7 @@ def test_a_guest_that_does_not_say_so_fails_in_one_line_where_there_are_no_event
     assert "no events, and so no polarities" in record.judgement.note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["er_count+pbf_events", "er_count+elp_events:reject=true", "guest"])
 def test_what_needs_events_is_refused_on_spikes_before_it_runs(tmp_path, guest, call, method):
     saf_gen.write_stream(tmp_path / "spikes.h5", np.zeros((160, 10, 12), np.uint8))
@@ -102,6 +105,7 @@ def test_what_makes_events_of_spikes_is_refused_on_events_and_names_its_twin(eve
     assert f"use {twin}" in error
 
 
+@pytest.mark.slow
 def test_searches_of_ours_run_on_events(events):
     methods = ["er_count+pbf_events", "er_count+elp_events", "er_count+egs_events", "sd+pbf_events:reject=true"]
     records = evaluate(events[0], methods=methods).records

@@ -63,6 +63,7 @@ LOADS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", LOADS.values(), ids=LOADS)
 def test_what_a_method_opens_while_it_loads_holds_nobody(run, text):
     method, answer, problem, _ = run(f"import os, sys\n{text}\n{MEASURE}")
@@ -70,6 +71,7 @@ def test_what_a_method_opens_while_it_loads_holds_nobody(run, text):
     assert [name for name, _ in method.guest.files if name == "mine.py"] == ["mine.py"]
 
 
+@pytest.mark.slow
 def test_digests_are_made_within_the_time_to_load(run, tmp_path):
     """A file of a terabyte of nothing is on the method's own clock."""
     (tmp_path / "own").mkdir()
@@ -82,6 +84,7 @@ def test_digests_are_made_within_the_time_to_load(run, tmp_path):
     assert time.monotonic() - began < 20
 
 
+@pytest.mark.slow
 def test_a_method_cannot_unsay_the_files_that_the_user_named(run):
     forges = (
         "from saf_gen.benchmark.guests.code_files import CodeFiles\n"
@@ -110,6 +113,7 @@ def mine(view):
 """
 
 
+@pytest.mark.slow
 def test_slow_replies_to_pings_hide_no_time(run):
     _, answer, problem, view = run(SLOW.replace("WINDOWS", "20").replace("PONG", "0.05"), "mine")
     assert (answer.frame, problem) == (7.0, "")
@@ -128,6 +132,7 @@ def named(text):
     return found
 
 
+@pytest.mark.slow
 def test_a_child_with_an_empty_environment_ends_with_the_run(run):
     child = (
         "import subprocess\nfrom saf_gen.parts import Answer\ndef mine(view):\n"
@@ -221,6 +226,7 @@ def mine(view):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not has_landlock(), reason="the system does not shut guests in")
 def test_a_guest_opens_nothing_that_leads_to_a_dataset(layout, sweep):
     (layout / "mine.py").write_text(TRIES)
@@ -237,6 +243,7 @@ def test_limits_are_read_with_and_without_landlock(text):
     assert Limits.parse(text) == Limits()
 
 
+@pytest.mark.slow
 def test_a_guest_writes_no_kernels_that_others_load(run, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "shared"))
     note = "note=os.environ['NUMBA_CACHE_DIR']"

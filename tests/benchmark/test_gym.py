@@ -294,6 +294,7 @@ def test_the_budget_ends_an_episode(dataset):
         env.step(hold)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, if a process has threads
 def test_environments_run_in_separate_processes(dataset):
     """Each gives the same results as in the parent for the same seed, even if the parent has used its own before."""
@@ -329,6 +330,7 @@ def folders(dataset, tmp_path_factory):
     return searches, policy
 
 
+@pytest.mark.slow
 def test_a_policy_is_in_one_table_with_searches(folders, tmp_path, call):
     both = tmp_path / "both"
     code, _, err = call("leaderboard", "merge", *folders, "--out", both)

@@ -54,6 +54,7 @@ def stop_after(count, dataset, **options):
         evaluate(dataset, methods=METHODS, progress=Evaluated(count), **options)
 
 
+@pytest.mark.slow
 def test_a_stopped_evaluation_goes_on_and_gives_what_an_unbroken_one_gives(dataset, tmp_path):
     """An interrupt also saves results that were not due to be written yet."""
     unbroken = evaluate(dataset, methods=METHODS)
@@ -82,6 +83,7 @@ def damage(_, kept):
     path.write_bytes(held)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "options", "evaluated_again"),
     [
@@ -110,6 +112,7 @@ def test_what_is_damaged_or_not_of_the_same_methods_and_files_is_evaluated_again
         assert set(evaluated) == {*evaluated_again, "three"}
 
 
+@pytest.mark.slow
 def test_results_are_kept_in_the_users_cache_folder_and_nothing_is_kept_without_one(dataset, tmp_path, monkeypatch):
     """Results beside the evaluation might have come with other people's data."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -144,6 +147,7 @@ def stops(counts: np.ndarray) -> float:
     return float(counts.max())
 
 
+@pytest.mark.slow
 def test_the_command_reports_kept_results_and_leaves_no_files(dataset, tmp_path, register, call):
     register("measures", "stops", stops)
     options = ("--method", "stops+argmax", "--try", "search.window=100,200", "--out", tmp_path / "out" / "found.json")

@@ -48,6 +48,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "my_method"
 
 
+@pytest.mark.slow
 def test_a_folder_gives_the_answers_of_its_files_and_one_digest_wherever_it_lies(folder, tmp_path):
     dataset = write_three_sweeps(tmp_path / "three")
     file = "my_method/model.py:Net:weights=my_method/weights.txt+argmax:window=50"
@@ -76,6 +77,7 @@ def test_a_folder_gives_the_answers_of_its_files_and_one_digest_wherever_it_lies
     assert record_to_json(mine[0])["note"] == ""
 
 
+@pytest.mark.slow
 def test_a_folder_stands_in_lists_and_tuned_files_if_the_command_line_names_it(folder, tmp_path):
     (tmp_path / "list.txt").write_text("sd+argmax\nmy_method/\n")
     tuned = TunedMethod("my_method/", "small", "train", "recorded", "", "target", 3, "c0ffee", "0.1.0", ())
@@ -158,6 +160,7 @@ def test_what_is_no_folder_of_a_method_is_refused_in_one_line(folder, spec, word
     assert words in str(refusal(admit_method, spec))
 
 
+@pytest.mark.slow
 def test_the_command_checks_a_folder(folder, call):
     code, out, err = call("methods", "check", "my_method/")
     assert (code, err) == (0, "")

@@ -64,6 +64,7 @@ class Part:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "kind"),
     [

@@ -153,6 +153,7 @@ class Mirror:
 """
 
 
+@pytest.mark.slow
 def test_a_guest_sees_what_a_method_of_ours_sees(recorded, columns, tmp_path):
     (tmp_path / "mine.py").write_text(GUEST)
     method = admit_method(f"er_count+{tmp_path}/mine.py:Mirror", None)

@@ -31,6 +31,7 @@ def line(sequence, frame, **more):
     return {"method": "my_net", "sequence": sequence, "frame": frame, **more}
 
 
+@pytest.mark.slow
 def test_predictions_are_judged_like_the_answers_of_methods(dataset, tmp_path):
     ours = evaluate(dataset, methods=["sd+argmax"]).records
     path = written(
@@ -155,6 +156,7 @@ def test_where_the_manifest_says_another_length_that_prediction_alone_fails(data
     assert one.judgement.note == "frames_seen is 850, but 800 frames were recorded"
 
 
+@pytest.mark.slow
 def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, tmp_path, call):
     path = written(tmp_path / "p.jsonl", line("one", 300), line("two", np.float64(500.0)))
     command = ("evaluate", dataset, "--predictions", path)
@@ -166,6 +168,7 @@ def test_the_command_evaluates_predictions_on_the_recorded_track_only(dataset, t
     assert "in the closed loop; allowed: --track recorded" in err
 
 
+@pytest.mark.slow
 def test_predictions_are_judged_where_the_evaluation_looks(dataset, tmp_path):
     """Regions that methods name do not matter, and the photon budget of a sequence is the same for all."""
     path = written(tmp_path / "p.jsonl", line("one", 300.0), line("two", 500.0))

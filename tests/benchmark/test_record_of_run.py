@@ -157,6 +157,7 @@ def test_success_is_given_against_the_least_blur_where_it_is_far_from_the_truth(
     assert found.success_least_blur == right
 
 
+@pytest.mark.slow
 def test_no_answer_is_no_success_by_the_least_blur(answered):
     nothing = '{"method": "elsewhere", "sequence": "a", "frame": null}\n'
     one = answered("sd+argmax", predicted=nothing, least_blur=1.5)["elsewhere"]

@@ -54,6 +54,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.slow
 def test_grain_is_compared_with_the_curve_of_the_measure_where_it_looks_at_the_target(stream, tmp_path):
     stream({"grain": planted().to_text()})
     folder = list_streams(tmp_path, {"id": "a"})

@@ -66,6 +66,7 @@ class OneSpikeEach(InMemory):
         return np.full(self.shape[1:], stop - first, np.uint32)
 
 
+@pytest.mark.slow
 def test_windows_kept_are_bounded_and_the_oldest_goes_first():
     """A window of this sensor takes 80 MiB, and three fit."""
     counts = WindowCounts(OneSpikeEach(40, 4096, 5120))

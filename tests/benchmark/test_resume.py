@@ -197,6 +197,8 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_resumed_evaluation_equals_a_fresh_one(change, mine, dataset, monkeypatch):
     spec, apply, reused = CHANGES[change]
@@ -215,6 +217,7 @@ def test_a_resumed_evaluation_equals_a_fresh_one(change, mine, dataset, monkeypa
     assert {record.judgement.status for record in fresh.records} == {"answered"}
 
 
+@pytest.mark.slow
 def test_code_does_not_cover_what_is_read_only_in_a_call(mine, dataset):
     """The card of a folder, an option, or reading it while loading makes a file a part of the code."""
     stop_in_the_third(dataset, FILE)

@@ -81,6 +81,7 @@ def test_a_measure_that_corrects_for_spikes_suits_spikes_alone(measure):
     assert_says(error, "corrects for the noise of spikes, and this recording holds voltages | such as sd")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("recording", "method", "words"),
     [
@@ -101,6 +102,7 @@ def test_a_method_of_others_is_refused_for_what_it_uses_of_ours(mine, recording,
     assert_says(refusal(evaluate, mine / recording, methods=[method]), words)
 
 
+@pytest.mark.slow
 def test_other_methods_of_others_take_every_camera(mine):
     for recording in ("photons.h5", "events.h5"):
         (record,) = evaluate(mine / recording, methods=["sd+mine.py:Middle"]).records

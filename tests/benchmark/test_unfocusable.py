@@ -49,6 +49,7 @@ def test_what_keeps_every_method_from_the_focus_is_named(tmp_path, frames, lens,
     assert found.what.obstacle == obstacle
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [NONE, ALL], ids=["none", "all"])
 def test_no_method_answers_a_blank_recording_and_none_is_judged_on_it(tmp_path, frames):
     (tmp_path / "p.jsonl").write_text('{"method": "guess", "sequence": "a", "frame": 200.0}\n')

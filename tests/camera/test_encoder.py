@@ -77,6 +77,7 @@ def test_the_bits_are_those_of_the_scalar_reference(changes):
     assert np.array_equal(unpacked(fast, 204), encode_reference(*inputs.values(), sensor=sensor, seed=11))
 
 
+@pytest.mark.slow
 def test_intervals_are_distributed_as_with_normal_noise():
     """Two-sample χ² test of 2 × 30,000 intervals at 40 e⁻ per spike; significance 1e-4, seed 5."""
     sensor = vidar(on=("shot", "threshold_noise"), threshold_e=40)
@@ -210,6 +211,7 @@ def sums_to_a_ramp(sensor, slope, *, frames=4_096, rows=17, columns=4_000):
     return counts(spikes).mean(axis=1)
 
 
+@pytest.mark.slow
 def test_under_a_ramp_each_row_is_behind_by_its_part_of_the_skew():
     """Row r of n is read (n - 1 - r)/(n - 1) of the skew earlier, and is behind by at most slope·frames·skew/θ spikes.
 

@@ -103,6 +103,7 @@ def test_even_progress_of_the_logarithm_has_even_intervals():
 # --- the photoreceptor ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [5.0, 0.2])
 @pytest.mark.parametrize("electrons", [1e4, 1e5, 1e6])
 def test_a_step_is_followed_as_the_closed_form_says(level, electrons):
@@ -366,6 +367,7 @@ def test_no_pixel_fires_in_its_reset_and_none_after_the_end(rate, refractory_s, 
     assert gaps.min() >= refractory_s * 1e6 - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [5e3, 3e4, 9e4, 1e6, 1e12])
 def test_the_queue_goes_on_from_one_piece_of_time_to_the_next(rate):
     whole, full_s = crowd(rate, 2e-4)

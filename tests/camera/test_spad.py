@@ -180,6 +180,7 @@ def twin_draw(pixel, moments, frame):
     return (number | mixed(((key ^ 0xD1B54A32D192ED03) + frame * golden) % 2**64) >> 40) / 2**32
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flicker", [0.0, 0.9])
 def test_a_slow_twin_makes_the_same_bits(flicker):
     """The law in plain steps: each bit of each number is taken from its word, and the number is below p or not.

@@ -95,6 +95,7 @@ def records(folder):
 # Commands
 
 
+@pytest.mark.slow
 def test_generate_reports_what_it_made_and_the_next_command(first):
     """A log gets one line for each piece of work."""
     folder, out, err = first

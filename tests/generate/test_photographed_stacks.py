@@ -84,6 +84,7 @@ def made(tmp_path, scenes):
     return write
 
 
+@pytest.mark.slow
 def test_the_scene_states_what_was_said_and_holds_the_light(made, tmp_path, scenes):
     card, folder = scenes(tmp_path / "pictures")
     scene = find_any_scene("dots")
@@ -95,6 +96,7 @@ def test_the_scene_states_what_was_said_and_holds_the_light(made, tmp_path, scen
     assert_says(refusal(find_scene, "dots"), "scene 'dots' was photographed | scenes that are rendered")
 
 
+@pytest.mark.slow
 def test_a_photographed_stack_is_recorded_with_its_focus(made, tmp_path):
     resolved = resolve_recipe(made())
     found = generate(resolved, tmp_path / "out")
@@ -142,6 +144,7 @@ def test_the_light_of_a_stack_is_its_key(made):
     assert "dots has no light with the role ambient" in coarse_sampling(resolved)[-1]
 
 
+@pytest.mark.slow
 def test_a_recipe_of_given_stacks_needs_no_renderer(made, tmp_path):
     code = (
         "import sys; sys.modules['mitsuba'] = sys.modules['drjit'] = None\n"

@@ -54,6 +54,7 @@ def test_a_stack_is_counted_once_and_a_recording_for_each_sequence(tmp_path, mor
     assert left.seconds / 8 < many.seconds < left.seconds
 
 
+@pytest.mark.slow
 def test_what_is_there_costs_nothing(small_recipe, test_scenes, tmp_path):
     work, folder = resolve_recipe(small_recipe), tmp_path / "ds"
     generate(work, folder)
@@ -147,6 +148,7 @@ def test_a_dry_run_says_what_its_time_rests_on_and_what_is_here(
     assert not here or stated[0].startswith(f"here: {here}")
 
 
+@pytest.mark.slow
 def test_a_dry_run_names_no_renderer_where_there_is_none_or_nothing_to_render(
     call, tmp_path, monkeypatch, small_recipe, test_scenes
 ):

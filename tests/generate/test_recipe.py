@@ -48,6 +48,7 @@ def test_a_recipe_is_read(tmp_path):
     assert recipe.camera.noise.shot is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(Path("recipes").glob("*.yaml")), ids=lambda p: p.name)
 def test_every_recipe_of_the_project_is_right(path):
     frozen = read_frozen_digests().get(path.stem)

@@ -115,6 +115,7 @@ def change_what_may_change(folder):
         os.utime(path, (9, 9))
 
 
+@pytest.mark.daily(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", UNSTABLE)
 def test_a_picture_that_is_made_again_shows_the_same_scene_or_is_refused(folder, name):
@@ -138,6 +139,7 @@ def test_a_picture_that_is_made_again_shows_the_same_scene_or_is_refused(folder,
     assert {path: path.read_bytes() for path in kept} == kept
 
 
+@pytest.mark.daily(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STABLE)
 def test_a_picture_of_a_scene_that_is_the_same_twice_is_made_again(folder, name):
@@ -153,6 +155,7 @@ def test_a_picture_of_a_scene_that_is_the_same_twice_is_made_again(folder, name)
     assert (lamp.read_bytes() == before) == (name != "rounded")
 
 
+@pytest.mark.daily(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "exit_code"), [("unordered", 2), ("ordered", 0)])
 def test_shards_show_the_same_scene_on_one_folder_and_when_they_are_merged(folder, name, exit_code):

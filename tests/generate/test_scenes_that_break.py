@@ -69,6 +69,7 @@ def is_named(name, line):
     return FAILS[name][1] in line or (name == "closes_all" and "closed files that it did not open" in line)
 
 
+@pytest.mark.daily(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_each_scene_that_breaks_costs_itself_alone(scenes, call, tmp_path, workers):
@@ -91,6 +92,7 @@ def test_each_scene_that_breaks_costs_itself_alone(scenes, call, tmp_path, worke
         assert is_named(name, line)
 
 
+@pytest.mark.daily(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["exits", "ends_itself", "reads_nothing", "closes_all", "raises_its_own"])
 def test_a_check_or_preview_of_a_scene_that_breaks_is_one_line(scenes, call, name):

@@ -89,6 +89,7 @@ RANDOM_MOTION = ", motion: {kind: sweep, from: {uniform: [0, 0.2]}}"
 BOTH = ", scene_motion: [static, dynamic]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "motion", "render"),
     [
@@ -121,6 +122,7 @@ def test_stacks_shared_by_lights_and_ways_of_the_lens_are_dealt_out_once(tmp_pat
             assert shares[0].cut == ()
 
 
+@pytest.mark.slow
 def test_shares_of_a_split_make_that_split(shipped):
     whole = shipped["sad_synthetic"]
     of_test = replace(whole, sequences=tuple(s for s in whole.sequences if s.planned.split == "test"))
@@ -130,6 +132,7 @@ def test_shares_of_a_split_make_that_split(shipped):
     assert not {s.time_stack for s in whole.sequences if s.planned.split != "test"} & recorded
 
 
+@pytest.mark.slow
 def test_leaving_out_slices_of_the_closed_loop_moves_no_picture_of_a_recording(moving):
     """Shares do not depend on --keep-slices: one shard with another choice only leaves pictures out."""
     for n in (1, 2, 3):
@@ -244,6 +247,7 @@ class Killed(BaseException):
     pass
 
 
+@pytest.mark.daily(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("file", ["geometry.exr", "geometry.json", "lamp.exr", "room.json", "stack.grain.json", ".h5"])
 def test_a_shard_killed_in_any_phase_goes_on_where_it_was(recipe, made, moving, rest, monkeypatch, cut, file):
@@ -298,6 +302,7 @@ def to_render(work, folder, part):
     return frozenset(spec for specs in plan.to_render.values() for spec in specs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [("name: takes", "name: other", "holds the dataset 'takes' | 'other'"), ("seed: 3", "seed: 4", "")],
@@ -396,6 +401,7 @@ def test_what_a_lost_or_damaged_shard_lacks_is_named_and_made(recipe, made, movi
     assert everything_in(apart[0]) == everything_in(made)
 
 
+@pytest.mark.slow
 def test_folders_that_are_no_shards_of_the_recipe_are_refused_before_anything_is_copied(recipe, apart, tmp_path, call):
     (tmp_path / "empty").mkdir()
     other = tmp_path / "changed.yaml"

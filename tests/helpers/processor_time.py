@@ -1,6 +1,6 @@
 """Processor seconds of each test, with those of the processes that it started; the dearest are listed at the end.
 
-``slow`` is a test that takes more than SLOW_S by this clock, which says the same beside other work. What a fixture of a
+``slow`` is a test that takes more than 0.15 s by this clock, which says the same beside other work. What a fixture of a
 module or session costs is counted for the first test that uses it.
 """
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-SLOW_S = 0.15
 DEAREST = 40
 KEY = "processor_s"
 

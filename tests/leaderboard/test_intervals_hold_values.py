@@ -167,6 +167,7 @@ def check_comparison(records):
             assert contains(pair.improvement_low, pair.improvement, pair.improvement_high)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "agree"),
     [("any", True), ("any", False), ("ties", False), ("all right", True), ("hard light", False), ("huge", True)],

@@ -42,6 +42,7 @@ def pictures(delivered):
     return [sheet[:down, at * across : (at + 1) * across] for at in range(delivered.strip.count)]
 
 
+@pytest.mark.slow
 def test_the_first_and_the_last_method_are_shown_on_the_recording_with_the_median_difference(tasks):
     made = answers(good=dict.fromkeys(PEAKS, 0.0), bad={"one": 90.0, "two": 150.0, "three": 190.0})
     found = picture_answers(tasks, board_of(made))
@@ -69,6 +70,7 @@ def test_there_are_no_pictures_without_two_answers_to_compare(tasks):
         assert picture_answers(tasks, board_of(records)) is None
 
 
+@pytest.mark.slow
 def test_a_stream_that_has_gone_costs_the_pictures_alone(tmp_path):
     folder = write_three_sweeps(tmp_path)
     tasks = select_sequences_to_evaluate(folder).tasks

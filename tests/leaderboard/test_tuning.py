@@ -74,6 +74,7 @@ def test_every_method_has_the_same_number_of_distinct_draws_the_first_as_it_is(m
     assert all(parse_method(one).region == parse_method(method).region for one in found)
 
 
+@pytest.mark.slow
 def test_draws_stay_in_their_ranges_and_leave_texts_alone():
     found = [parse_method(one).search_options for one in draw_trials("sd+argmax", 200)[1:]]
     windows = {options["window"] for options in found}
@@ -84,6 +85,7 @@ def test_draws_stay_in_their_ranges_and_leave_texts_alone():
     assert 35 < still < 100  # both keep their values in no draw, so a window stays in about a third: 3 sigma are 20
 
 
+@pytest.mark.slow
 def test_windows_last_as_long_whatever_the_camera():
     found = [parse_method(one).search_options for one in draw_trials("sd+argmax", 200, readout_hz=640.0)[1:]]
     windows = {options["window"] for options in found} - {100}  # the method's own
@@ -118,6 +120,7 @@ def test_draws_that_cannot_be_made_are_refused(method, trials, values, field, fr
     assert fragment in getattr(refusal(draw_trials, method, trials, values=values), field)
 
 
+@pytest.mark.slow
 def test_the_objective_counts_answers_where_there_is_none_against_the_method(dataset):
     """Scene a: one right, one abstention where there is an answer. Scene b: a false answer, a right abstention, a
     right answer and one off by 3 depths of focus."""
@@ -133,6 +136,7 @@ def test_the_objective_counts_answers_where_there_is_none_against_the_method(dat
     assert find_objective([change(right, truth=None)]) is None
 
 
+@pytest.mark.slow
 def test_drawn_trials_are_published_with_what_was_maximised(dataset):
     tuned, rows = tune(dataset, "sd+argmax", trials=8)
     assert len(rows) == len(tuned.trials) == 8
@@ -141,6 +145,7 @@ def test_drawn_trials_are_published_with_what_was_maximised(dataset):
     assert objectives == sorted(objectives, reverse=True)
 
 
+@pytest.mark.slow
 def test_the_right_to_abstain_is_chosen_where_some_sweeps_have_no_answer(tmp_path):
     """Two of three sweeps end at 0.4 of the travel, before a focus at 0.75."""
     write_sweep(tmp_path / "train" / "in.h5", 300.0)
@@ -195,6 +200,7 @@ def test_a_flipped_bit_is_found_and_an_older_file_is_read(tmp_path):
     assert read_tuned(path)[0] == tuned
 
 
+@pytest.mark.slow
 def test_constants_that_were_found_are_taken_up_again(dataset, tmp_path):
     path = tmp_path / "found.json"
     first, _ = tune(dataset, "sd+argmax", values={"search.window": ["100", "200"]})

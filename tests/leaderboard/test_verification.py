@@ -87,6 +87,7 @@ def states(folder):
     return {Path(row.method).name: row.verified for row in read_leaderboard(folder)}
 
 
+@pytest.mark.slow
 def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call, evaluation, dataset):
     assert set(states(evaluation).values()) == {None}
     code, out, err = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")
@@ -103,6 +104,7 @@ def test_rows_of_registered_methods_are_found_again_and_others_are_claimed(call,
     assert "re-run here" in call("leaderboard", "merge", evaluation)[1]
 
 
+@pytest.mark.slow
 def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluation, dataset, tmp_path):
     mine = tmp_path / "mine.py"
     command = ("leaderboard", "verify", evaluation, "--on", dataset)
@@ -119,6 +121,7 @@ def test_a_method_of_a_file_runs_only_where_the_command_names_it(call, evaluatio
     assert "was made by the code of" in err
 
 
+@pytest.mark.slow
 def test_a_row_that_a_limit_ended_cannot_be_compared(call, evaluation, dataset):
     ended = dict.fromkeys(("frame", "position", "time_to_focus_s"))
     note = "over a limit: it did not answer within 60 s"
@@ -129,6 +132,7 @@ def test_a_row_that_a_limit_ended_cannot_be_compared(call, evaluation, dataset):
     assert row["why"] == "not comparable: 1 of 2 runs ended at a limit (60 s)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -147,6 +151,7 @@ def test_a_forged_answer_is_found(call, evaluation, dataset, changes, message):
     assert states(evaluation)["sd+argmax"] == "differs"
 
 
+@pytest.mark.slow
 def test_another_recording_of_the_same_name_differs(call, evaluation, dataset):
     forge(evaluation, data="0" * 64)
     out = call("leaderboard", "verify", evaluation, "--on", dataset, "--json")[1]
@@ -163,6 +168,7 @@ def state_of(row, folder, source, **options):
     return verdicts[row].state, verdicts[row].reason
 
 
+@pytest.mark.slow
 @pytest.mark.daily(8)
 @pytest.mark.parametrize("key", [field.name for part in PARTS for field in fields(part)])
 def test_every_change_of_a_record_is_found_but_for_time_and_machine(evaluation, dataset, key):
@@ -205,6 +211,7 @@ SELECTIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("select", "message"), SELECTIONS.values(), ids=SELECTIONS)
 def test_no_row_of_a_choice_of_records_is_certified(call, evaluation, dataset, select, message):
     write_lines(evaluation, select(lines_of(evaluation)))
@@ -214,6 +221,7 @@ def test_no_row_of_a_choice_of_records_is_certified(call, evaluation, dataset, s
     assert "re-run here" not in {row["row"] for row in json.loads(out or "[]")}
 
 
+@pytest.mark.slow
 def test_a_choice_of_motions_is_certified_only_where_the_command_names_it(call, tmp_path):
     entries = {"id": "still", "scene_motion": "static"}, {"id": "moving", "scene_motion": "dynamic"}
     for entry in entries:
@@ -227,6 +235,7 @@ def test_a_choice_of_motions_is_certified_only_where_the_command_names_it(call, 
     assert (code, "1 sequence, split test, static" in text, "re-run here" in text) == (0, True, True)
 
 
+@pytest.mark.slow
 def test_a_tuned_row_is_a_claim_until_its_file_is_named(call, dataset, tmp_path):
     for name, trials in (("mine", 1), ("other", 2)):
         tuned = TunedMethod("sd+argmax", "d", "train", "recorded", "", "target", trials, "0", "0", ())
@@ -241,6 +250,7 @@ def test_a_tuned_row_is_a_claim_until_its_file_is_named(call, dataset, tmp_path)
     assert (state, "board: tuning is '" in why) == ("differs", True)
 
 
+@pytest.mark.slow
 def test_a_method_of_others_is_run_again_within_its_limits_and_with_its_failed_check(call, dataset, tmp_path):
     (tmp_path / "mine.py").write_text(MEASURE.replace("return ", "return 12 + "))
     method, evaluation = f"{tmp_path / 'mine.py'}:Spread+argmax", tmp_path / "evaluation"
@@ -259,6 +269,7 @@ def test_a_method_of_others_is_run_again_within_its_limits_and_with_its_failed_c
     assert "the limits are 'as much" in state_of(*again, methods=[method])[1]
 
 
+@pytest.mark.slow
 def test_answers_that_change_after_a_verdict_are_claimed_again(call, evaluation, dataset):
     call("leaderboard", "verify", evaluation, "--on", dataset)
     forge(evaluation, "sd+argmax", machine="another", seconds=9.0)
@@ -268,6 +279,7 @@ def test_answers_that_change_after_a_verdict_are_claimed_again(call, evaluation,
     assert states(evaluation)["er_count+argmax@frame"] == "re-run here"
 
 
+@pytest.mark.slow
 def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, monkeypatch):
     call("leaderboard", "verify", evaluation, "--on", dataset)
     monkeypatch.setattr(socket, "gethostname", lambda: "another")
@@ -275,6 +287,7 @@ def test_the_verdict_of_another_machine_is_named_so(call, evaluation, dataset, m
     assert states(evaluation)["a_net"] == "claimed"
 
 
+@pytest.mark.slow
 def test_a_row_of_two_evaluations_is_a_claim_until_both_are_run_again(call, evaluation, dataset, tmp_path):
     write_sweep(tmp_path / "data/test/hill.h5", 400.0)
     more = list_streams(tmp_path / "data", {"id": "hill", "scene": "hill"})
@@ -289,6 +302,7 @@ def test_a_row_of_two_evaluations_is_a_claim_until_both_are_run_again(call, eval
     assert {row.verified for row in read_leaderboard(evaluation, tmp_path / "copy")} == {"re-run here"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signature", ["", "no hex"])
 def test_a_verdict_without_our_signature_counts_as_from_elsewhere(call, evaluation, dataset, signature):
     call("leaderboard", "verify", evaluation, "--on", dataset)
@@ -305,6 +319,7 @@ def test_a_verdict_without_our_signature_counts_as_from_elsewhere(call, evaluati
     assert states(evaluation)["a_net"] == "re-run elsewhere"
 
 
+@pytest.mark.slow
 def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
     part = tmp_path / "part"
     manifest = json.loads((dataset / "manifest.json").read_text())
@@ -317,6 +332,7 @@ def test_a_sequence_that_is_not_there_differs(evaluation, dataset, tmp_path):
     assert verdicts["sd+argmax"].reason == "leaf is not in split test (1 of 2 sequences)"
 
 
+@pytest.mark.slow
 def test_a_damaged_verification_is_one_line(call, evaluation, dataset):
     call("leaderboard", "verify", evaluation, "--on", dataset)
     file = evaluation / "verification.json"

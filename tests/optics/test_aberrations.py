@@ -81,6 +81,7 @@ def test_field_curvature_and_astigmatism_move_the_corner_alone():
     assert defocus == pytest.approx(-(1.5 + 0.5), rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wave_m", [WAVE_M, 0.0])
 @pytest.mark.parametrize("f_number", [1.4, 2.0, 4.0])
 def test_contrast_is_greatest_where_the_pupil_says(f_number, wave_m):

@@ -196,6 +196,7 @@ def reference_lens(part, commands, seconds, start, step=1e-6):
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("commands", "changes"),
     [

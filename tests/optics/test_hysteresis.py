@@ -73,6 +73,7 @@ def test_an_input_that_returns_to_a_turning_point_returns_the_output():
     assert last(moved, 0.62, 0.44, 0.5, 0.31) == pytest.approx(before, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("between", [(0.2, 0.6), (0.7, 0.3, 0.6, 0.4), (0.05, 0.79, 0.1)])
 def test_a_larger_turn_wipes_out_the_memory_of_smaller_ones(between):
     plain, wiped = drive(), drive()
@@ -80,6 +81,7 @@ def test_a_larger_turn_wipes_out_the_memory_of_smaller_ones(between):
     assert a == pytest.approx(b, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_loops_between_the_same_inputs_are_congruent():
     shapes = []
     for history in ((0.3,), (1.0, 0.3), (0.9, 0.1, 0.3)):

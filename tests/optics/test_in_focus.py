@@ -116,6 +116,7 @@ def test_blur_has_grown_by_a_resolved_width_at_the_ends(kind, waves):
         assert np.ptp(ends) > 1.1 * np.ptp(lens.depth_of_focus(depth, target))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "spherical"), [("image_distance", 1.0), ("image_distance", 3.0), ("stage", 0.2)])
 def test_contrast_has_fallen_as_that_of_a_perfect_lens_at_the_ends(kind, spherical):
     """Contrast of the texture by a sum over an own pupil, along one direction."""

@@ -18,6 +18,7 @@ OBJECTIVE = f"{{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 
 STOPPED_DOWN = f"{{drive: stage, focal_length_mm: 4, f_number: 20, magnification: 20, {TRAVEL}}}"
 
 
+@pytest.mark.slow
 def test_an_edge_is_blurred_placed_and_in_focus_by_the_closed_forms(tmp_path, monkeypatch):
     """Tolerances: depth 1 nm, widths 2 %, edge positions 0.05 pixel, the sharpest focus position a quarter step.
 

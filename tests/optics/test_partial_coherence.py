@@ -138,6 +138,7 @@ def slow_sum(amplitude, *, coherence, waves, z_m, shape, pitch_m, points=400):
     return seen
 
 
+@pytest.mark.slow
 @pytest.mark.daily(2)
 @pytest.mark.parametrize(
     ("coherence", "z_um", "spherical"),
@@ -248,6 +249,7 @@ def test_a_pixel_does_not_depend_on_the_size_of_the_sensor_nor_on_what_is_beyond
     assert wrong[[0, -1]].std() < 0.009
 
 
+@pytest.mark.slow
 def test_far_from_focus_a_small_sensor_sees_the_middle_of_a_large_one():
     """A few points then sample a period whose spectrum has more than twice as many lines."""
     deep = replace(OBJECTIVE, travel_m=(-50e-6, 50e-6))

@@ -42,6 +42,7 @@ def test_between_windows_the_parabola_is_exact():
     assert get_search("argmax_light")(view).frame == pytest.approx(at * FRAMES, abs=20)
 
 
+@pytest.mark.slow
 def test_noise_moves_the_refined_answer_less():
     """Twenty noisy curves with fixed seeds: the parabola's rms error is below two thirds of the best window's."""
 

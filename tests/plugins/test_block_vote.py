@@ -177,5 +177,6 @@ def test_options_out_of_range_are_refused(options, said):
     assert said in str(refusal(get_search, "block_vote", **options))
 
 
+@pytest.mark.slow
 def test_it_passes_the_checks_of_a_search():
     assert [one for one in check_search(get_search("block_vote")) if one.level == "error"] == []

@@ -86,6 +86,7 @@ def errors(recordings):
     return found.mean(axis=0), found.std(axis=0) / np.sqrt(recordings)
 
 
+@pytest.mark.slow
 def test_at_three_counts_a_window_it_is_unbiased_where_raw_dispersion_is_not():
     """200 recordings of 4,096 pixels at fixed seeds, to 4 standard errors (exceeded once in 16,000 seeds).
 

@@ -86,6 +86,8 @@ def test_a_misspelt_option_is_told_its_nearest():
     assert "reject" in str(refusal(get_search, "argmax", rejct=True))
 
 
+@pytest.mark.slow
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", ["argmax", "egs_code", "golden_section"])
 def test_it_passes_the_checks_of_a_search(name):
     assert [one for one in check_search(get_search(name, reject=True)) if one.level == "error"] == []

@@ -86,6 +86,7 @@ def test_the_score_is_the_structure_of_the_light_whatever_the_light(rate, frames
     assert np.mean(expected) == pytest.approx(field_structure, rel=0.02 + 0.005 / rate / 5)
 
 
+@pytest.mark.slow
 def test_an_even_field_has_hardly_any_structure_in_little_light():
     """The response and its part correlated with dark charge give 0.06, and chance 0.02 for each of 12 devices."""
     rate, frames = 0.01, 1600

@@ -128,6 +128,7 @@ LENSES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.daily(3)
 @needs_llvm
 @pytest.mark.parametrize(("f_number", "waves"), LENSES)
@@ -189,6 +190,7 @@ def test_astigmatism_parts_the_foci_of_edges_across_and_along(tmp_path, monkeypa
     assert sign * waves == pytest.approx(shift * eta**2, abs=0.3)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_shared_shading_sees_the_lens_of_plain_paths(tmp_path, monkeypatch):
     """Both estimators show the sharpness of an edge alike at every position, in long windows and in short ones.

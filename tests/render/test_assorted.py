@@ -40,6 +40,7 @@ def layout(modules, member):
     return modules["scene"].draw(member.script_params, seen)[0], seen
 
 
+@pytest.mark.slow
 def test_a_member_is_the_same_whenever_it_is_drawn_and_another_one_differs(family, modules):
     one, again, other = (family.draw_member("member", n) for n in (1, 1, 2))
     first, second, third = (layout(modules, m)[0] for m in (one, again, other))
@@ -49,6 +50,7 @@ def test_a_member_is_the_same_whenever_it_is_drawn_and_another_one_differs(famil
     assert np.array_equal(first.target.halves, second.target.halves)
 
 
+@pytest.mark.slow
 def test_every_lens_steps_at_most_two_fifths_of_half_a_depth_of_focus(family):
     recipe = resolve_recipe("saf_bench-v3").recipe
     sensor = get_sensor(recipe.camera.sensor)
@@ -141,6 +143,7 @@ def test_a_layout_that_cannot_be_used_is_drawn_again_and_none_is_an_error(family
         modules["scene"].draw(member.script_params, seen)
 
 
+@pytest.mark.slow
 def test_members_of_the_benchmark_have_a_lens_motion_each_and_ten_for_each_place_of_focus():
     places = {"first": 0, "last": 0, "middle": 0, "outside": 0}
     members = {s.planned.counted_as: s for s in resolve_recipe("saf_bench-v3", split="test").sequences}
@@ -158,6 +161,7 @@ def test_members_of_the_benchmark_have_a_lens_motion_each_and_ten_for_each_place
     assert len({str(s.planned.motion) + str(s.planned.params["place_deg"]) for s in members.values()}) == 240
 
 
+@pytest.mark.slow
 def test_members_render_with_light_on_their_target(family):
     grid = SensorGrid(rows=32, columns=32, pitch_m=80e-6)
     for n, form in enumerate(("ball", "two_depths")):

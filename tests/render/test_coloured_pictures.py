@@ -57,6 +57,7 @@ def drive_in_light(drive, shift):
     return ImageDistanceDrive(focal, focal / (2 * RADIUS_M), ends)
 
 
+@pytest.mark.slow
 @needs_llvm
 @pytest.mark.parametrize("kind", ["focal_length", "image_distance"])
 def test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength(tmp_path, monkeypatch, kind):
@@ -103,6 +104,7 @@ def test_the_focus_under_tungsten_and_led_is_that_of_pictures_of_each_wavelength
         assert apart == pytest.approx(0.1, abs=0.1) if cut else apart > 0.6
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavelength(tmp_path, monkeypatch):
     """SD of mixed pictures of `c_mount` at f/1.4 peaks within 0.05 half depths of SD of an own sum, behind an IR cut.
@@ -144,6 +146,7 @@ def test_the_focus_of_a_lens_file_in_lamplight_is_that_of_its_rays_of_each_wavel
     assert abs(seen[0] - seen[1]) > 0.1
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_positions_of_the_travel_are_drawn_as_in_a_narrow_stack(tmp_path, monkeypatch):
     """The middle of a wide stack and a narrow one show the same picture, within the noise of their paths."""

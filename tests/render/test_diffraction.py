@@ -182,6 +182,7 @@ def test_a_slanted_edge_shows_the_transfer_of_the_lens(tmp_path, monkeypatch):
         assert edge_transfer(image, CYCLES) == pytest.approx(expected_transfer(drive, position, CYCLES), abs=0.05)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_without_waves_an_edge_shows_the_geometric_transfer(tmp_path, monkeypatch):
     """In focus it is 1 within 0.03; with waves it would be 0.64 at Nyquist."""

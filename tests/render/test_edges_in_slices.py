@@ -31,6 +31,7 @@ def write_card_before_wall(folder, monkeypatch):
     ), list(shapes)
 
 
+@pytest.mark.slow
 @pytest.mark.daily(2)
 @needs_llvm
 @pytest.mark.parametrize("blur", [-3.0, -1.5, 1.5, 3.0, 17.5])

@@ -74,6 +74,7 @@ def test_the_mean_of_a_picture_is_that_of_the_plain_estimator(still_life):
             assert (difference <= allowed).all(), (window, name, (difference / allowed).max())
 
 
+@pytest.mark.slow
 def test_a_light_group_has_the_same_bits_alone(still_life):
     together = filtered(still_life)
     for name in still_life:
@@ -87,6 +88,7 @@ def test_a_light_group_has_the_same_bits_alone(still_life):
     assert set(together) == set(still_life)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", [None, (2, 3)], ids=["all positions at once", "layers of a few"])
 def test_nothing_is_clipped_because_the_first_rows_are_dark(still_life, monkeypatch, window):
     """Bands of four rows, of which the first see no light. Of 140,000 rays a few through glass may be fireflies."""
@@ -108,12 +110,14 @@ def test_nothing_is_clipped_because_the_first_rows_are_dark(still_life, monkeypa
     assert in_bands.max() > 0.5 * at_once.max()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_another_another_picture(still_life):
     first, again, other = (filtered(still_life, seed=s)["lamp"] for s in (3, 3, 4))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.slow
 def test_moments_are_traced_once_and_estimates_do_not_depend_on_earlier_ones(still_life):
     shown = []
 

@@ -59,6 +59,7 @@ def test_the_grain_of_a_stored_stack_is_that_of_two_full_renders(plane, tmp_path
         assert np.corrcoef(first[k].ravel() - second[k].ravel(), first[k].ravel())[0, 1] < 0.2
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_what_has_been_measured_is_not_rendered_again(plane, tmp_path):
     specs = specs_of(plane, [0.0, 0.02, 0.04], samples=4)
@@ -84,6 +85,7 @@ def store_geometry(root, seen, depths, windows):
     return specs
 
 
+@pytest.mark.slow
 def test_the_slices_are_spread_evenly_and_hold_the_one_in_focus(tmp_path):
     """Of 100 slices the window passes the focus of 0.5 m, 0.462 of the travel, at slice 46: knot 3.7 of 8."""
     windows = [(round(n * 7 / 99), round(n * 7 / 99) + 1) for n in range(100)]
@@ -96,6 +98,7 @@ def test_the_slices_are_spread_evenly_and_hold_the_one_in_focus(tmp_path):
     assert min(abs(middle[n] - best) for n in chosen) == min(abs(m - best) for m in middle)
 
 
+@pytest.mark.slow
 def test_slices_that_see_no_target_are_left_out(tmp_path):
     specs = store_geometry(tmp_path, [n < 30 for n in range(60)], [0.5] * 60, [(3, 4)] * 60)
     assert all(specs.index(spec) < 30 for spec in stacks_to_repeat(specs, tmp_path))

@@ -297,6 +297,7 @@ def test_an_edge_before_a_blurred_wall_has_its_own_blur_and_place(own, behind):
     assert layers[1] == pytest.approx(plain[1], abs=0.005 + abs(own) / 4000)
 
 
+@pytest.mark.slow
 @pytest.mark.daily(3)
 @pytest.mark.parametrize("blur", [1.5, 2.9, 4.3, -6.1, 8.6, -12.1, 24.1, -48.1, 96.1])
 def test_an_edge_within_a_blurred_surface_has_the_blur_of_the_surface(blur):

@@ -68,6 +68,7 @@ def test_a_sheet_in_even_light_reflects_its_matt_fraction_and_transmits_the_rest
     assert render(setups, samples=16)["room"].mean() == pytest.approx(0.5 * 0.71, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_thick_pane_before_a_lamp_lets_through_what_fresnel_says(tmp_path, monkeypatch):
     """The faces of a pane of n = 1.5 have R = 0.04 at right angles: 2R/(1 + R) of the light is lost between them.
 

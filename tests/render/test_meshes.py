@@ -119,6 +119,7 @@ def weighted_by_angle(positions, faces):
     return total / np.linalg.norm(total, axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_normals_are_means_of_faces_weighted_by_their_angles():
     backend.activate_backend("llvm")
@@ -151,6 +152,7 @@ def test_normals_are_those_of_mitsuba_on_one_thread_bit_for_bit(vertices, faces)
     assert np.array_equal(meshes.vertex_normals(positions, corners), expected)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_what_a_script_makes_has_the_same_normals_on_any_number_of_threads():
     found = []
@@ -195,6 +197,7 @@ def test_a_face_of_a_script_that_names_no_vertex_is_refused():
         mesh_of(np.eye(3, dtype=np.float32), np.array([[0, 1, 9]], np.uint32))
 
 
+@pytest.mark.slow
 @needs_llvm
 @pytest.mark.parametrize("ending", ["ply", "obj"])
 @pytest.mark.parametrize("grouped", [False, True])

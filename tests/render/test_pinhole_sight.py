@@ -273,6 +273,7 @@ def test_a_rendered_stack_is_sharpest_where_the_target_appears(tmp_path, monkeyp
     assert peak == pytest.approx(truth, abs=0.1 * shift)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_lines_that_one_kernel_follows_are_those_followed_from_surface_to_surface(tmp_path, monkeypatch):
     """Bit for bit, through balls in which light is reflected totally, thin and dark films, and films with holes."""

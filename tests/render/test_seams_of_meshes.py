@@ -70,6 +70,7 @@ def test_a_turned_box_has_no_hole_where_seams_lie_on_pixel_centres(every_backend
     assert 0.2 < (outwards < 1).mean() < 0.8
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_random_paths_that_enter_a_closed_mesh_are_too_few_to_count():
     """2²⁰ random rays from outside at a box of 49,152 triangles; 25 enter, more than 105 with p < 10⁻³⁰."""

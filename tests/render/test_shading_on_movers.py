@@ -72,6 +72,7 @@ def test_a_place_on_a_shape_that_moves_along_is_where_it_would_be_at_rest(moving
     assert found.depth[board] == pytest.approx(np.log(depth) * scale / CELL_DEPTH, abs=1e-2)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_a_shadow_that_moves_with_its_shape_keeps_its_edge(moving_board):
     """In nine moments a board and the shadow on it move four pixels to the side; compared with plain paths.
@@ -96,6 +97,7 @@ def test_a_shadow_that_moves_with_its_shape_keeps_its_edge(moving_board):
     assert followed < left / 10
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_a_pinhole_has_no_waves_and_a_picture_is_that_of_its_lens(moving_board):
     """Waves of 5 µm would blur a pinhole of f/64 over ten pixels. The end of the travel is also a position."""

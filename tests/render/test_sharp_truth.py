@@ -129,6 +129,7 @@ def at_frame(source, stream, frame):
     return source.charge_image(frame, float(stream.metadata.lens_position[frame]))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("name", [pytest.param(STILL, id="still"), pytest.param(MOVING, id="moving")])
 def test_in_focus_it_is_the_recorded_picture_of_each_light(dataset, name):
     with saf_gen.open_stream(dataset / name) as stream:

@@ -40,6 +40,7 @@ def slices(test_scenes, tmp_path):
     return render
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["plain", "filtered"])
 def test_slices_of_a_static_scene_are_equal_if_the_same_paths_give_the_shading(slices, estimator):
     """They agree to two roundings of half floats, 2⁻¹¹ each; the noise of 16 samples is 10 % of a pixel."""
@@ -47,6 +48,7 @@ def test_slices_of_a_static_scene_are_equal_if_the_same_paths_give_the_shading(s
     assert found == pytest.approx(np.broadcast_to(found[0], found.shape), rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["plain", "filtered"])
 def test_a_still_scene_shows_no_beat_with_its_slices(slices, estimator):
     """Half way between two slices SD is as large as at them, within 0.03 %; 16 samples, as in recipes.

@@ -54,6 +54,7 @@ def test_the_stack_of_a_section_has_the_light_depth_and_target_of_its_card(tmp_p
     assert stack.backend == "waves"
 
 
+@pytest.mark.slow
 def test_the_truth_of_a_phase_section_is_the_focus_of_its_plane(slide, tmp_path):
     for height_um in (-40, 0, 25):
         scene = slide.with_params({"height_um": height_um})
@@ -64,6 +65,7 @@ def test_the_truth_of_a_phase_section_is_the_focus_of_its_plane(slide, tmp_path)
         assert truth == pytest.approx(0.5 - height_um / 240, abs=2e-5)  # depths are float32
 
 
+@pytest.mark.slow
 def test_a_phase_section_shows_least_where_it_is_in_focus(slide, tmp_path):
     scene = slide.with_params({"height_um": 0})
     stack = drawn(scene, spec_of(scene, positions=7), tmp_path)
@@ -81,6 +83,7 @@ def test_a_section_is_the_same_whatever_a_recipe_asks_of_light_paths(slide):
     assert first.wavelength_m == pytest.approx(550e-9)
 
 
+@pytest.mark.slow
 def test_pieces_are_made_once_and_a_missing_one_again_alike(slide, tmp_path):
     spec = spec_of(slide, positions=3)
     whole = drawn(slide, spec, tmp_path)
@@ -116,6 +119,7 @@ def test_the_plan_counts_waves_and_not_samples(slide):
     assert short > 0
 
 
+@pytest.mark.slow
 def test_checks_take_a_section(slide):
     sensor = get_sensor("vidar_400x250", rows=16, columns=24)
     found = list(check_scene(slide, sensor))
@@ -228,6 +232,7 @@ splits: {{test: {{scenes: [slide], lights: [constant]}}}}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("render", ["render: {samples: 64}", "render: {samples: 4, diffraction: false}"])
 def test_a_recipe_with_a_section_is_made_once_and_verified(slide, tmp_path, small_sensor, call, render):
     recipe, made = tmp_path / "recipe.yaml", tmp_path / "made"

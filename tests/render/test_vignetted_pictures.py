@@ -57,6 +57,7 @@ def test_an_even_field_darkens_by_the_overlap_of_the_discs(tmp_path, monkeypatch
         assert seen[k].mean() == pytest.approx(expected.mean(), abs=0.005)
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_a_lamp_out_of_focus_is_a_cats_eye_of_the_overlap(tmp_path, monkeypatch):
     """Its light and its place are those of a sum over the aperture; a disc would have 1.2 times the light.

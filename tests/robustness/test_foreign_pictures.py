@@ -4,6 +4,7 @@ import foreign_pictures
 import pytest
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [20, pytest.param(500, marks=pytest.mark.long)])
 def test_no_picture_of_a_stranger_is_read_wrongly(count):
     """Seed 1."""

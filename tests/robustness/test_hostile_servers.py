@@ -4,6 +4,7 @@ import pytest
 from hostile_servers import run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [30, pytest.param(200, marks=pytest.mark.long)])
 def test_hostile_servers_and_datasets_are_refused_or_read_right(count):
     """Seed 5; the hostile answers that take their time are tried in the long run."""

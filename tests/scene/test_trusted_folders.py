@@ -42,6 +42,7 @@ def test_without_a_home_folder_nothing_is_registered_and_the_hint_names_the_vari
     assert "SAF_GEN_SCENES" in refusal(register_folder, tmp_path).hint
 
 
+@pytest.mark.slow
 def test_a_listed_folder_is_trusted_and_then_forgotten(call, tmp_path, monkeypatch):
     scenes = tmp_path / "mine/scenes"
     scenes.mkdir(parents=True)

@@ -135,6 +135,7 @@ def truth_of(schedule, stack, *, gain=None):
     return find_true_focus(PlaneSource.from_stack(stack), SWEEP, blends=blends)[0], blends
 
 
+@pytest.mark.slow
 def test_the_truth_follows_the_mix_of_the_lamps():
     """Crossing lamps begin and end with the truth of each alone, and are met where the lens passes the moving truth."""
     stack = wide_stack()
@@ -196,6 +197,7 @@ def test_waves_that_one_wavelength_cannot_show_are_refused():
     lit_by("sodium", lens=None).check(spec)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lamp", ["tungsten", "led"])
 def test_the_truth_is_where_mixed_pictures_are_sharpest(lamp):
     """Gratings blurred by a disc, drawn here, mixed by the product, and the truth of the product.

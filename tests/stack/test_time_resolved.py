@@ -114,6 +114,8 @@ def test_what_the_encoder_gets_is_the_picture_of_every_readout():
             assert got == pytest.approx(wanted, rel=1e-5)
 
 
+@pytest.mark.slow
+@pytest.mark.daily(4)
 @pytest.mark.parametrize("step", [8, 24, 80, 312])
 @pytest.mark.parametrize("hz", [311, 1_000, 16_000, 48_500, 50_000, 97_700])
 def test_a_camera_of_any_rate_records_slices_of_any_rate(step, hz):

@@ -24,6 +24,7 @@ def stream(tmp_path_factory):
         yield stream
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "window", "stride", "region"),
     [
@@ -41,6 +42,7 @@ def test_windows_in_one_pass_are_those_read_alone(stream, region, first, window,
     assert found.dtype == (np.uint8 if window < 256 else np.uint16)
 
 
+@pytest.mark.slow
 def test_a_count_of_every_frame_fits(tmp_path):
     write_stream(tmp_path / "ones.h5", np.ones((600, 2, 2), np.uint8))
     with open_stream(tmp_path / "ones.h5") as ones:

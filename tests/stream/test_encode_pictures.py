@@ -355,6 +355,7 @@ def test_the_integral_is_that_of_a_fine_sum(tmp_path):
             assert found[:, y, x] == pytest.approx(expected, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_pictures_at_their_own_times_are_integrated_as_a_fine_sum_would(tmp_path):
     """Slow pictures, one faster than a readout, and crowds, against 4,000 samples of the interpolated pictures."""
     light = np.random.default_rng(3).random((40, 3, 4)).astype(np.float32)

@@ -398,6 +398,7 @@ def test_times_outside_the_recording_are_refused(path, first, stop):
         refusal(events.events, first, stop)
 
 
+@pytest.mark.slow
 def test_a_flipped_byte_is_found_or_changes_nothing(path):
     """200 places, evenly: a reader gets what was written, or one line."""
     made, put = path.read_bytes(), some_events()

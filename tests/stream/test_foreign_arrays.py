@@ -193,6 +193,8 @@ def test_an_option_that_does_not_fit_is_one_line(tmp_path, call):
         assert (code, message in err) == (2, True), err
 
 
+@pytest.mark.slow
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("packed", [False, True], ids=["plain", "deflated"])
 def test_arrays_of_a_matlab_file_are_what_scipy_reads(tmp_path, packed):
     """Twelve types of number, with the last axis first."""
@@ -212,6 +214,7 @@ def element(kind, raw):
     return struct.pack(">II", kind, len(raw)) + raw + b"\0" * (-len(raw) % 8)
 
 
+@pytest.mark.slow
 def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
     values = SPIKES.astype(">i2")
     head = element(6, struct.pack(">II", 10, 0)) + element(5, struct.pack(">iii", 5, 6, 41)) + element(1, b"spk")
@@ -220,6 +223,7 @@ def test_a_matlab_file_of_the_other_byte_order_is_read(tmp_path):
     assert np.array_equal(open_array(tmp_path / "a.mat")[0:41], SPIKES)
 
 
+@pytest.mark.slow
 def test_a_damaged_matlab_file_is_refused_even_where_it_crashes_scipy(tmp_path):
     """The type of the values is one byte, after which scipy's reader looks for a function without a check."""
     io.savemat(tmp_path / "a.mat", {"spk": TIME_LAST})
@@ -250,6 +254,7 @@ def raw(tmp_path_factory):
     return (folder / "a.dat").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_folder_of_saf_becomes_a_dataset_that_is_evaluated(tmp_path, call, raw):
     folder = tmp_path / "datasets"
     (folder / "desk").mkdir(parents=True)
@@ -321,6 +326,7 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, message):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_sheet_that_is_invalid_or_too_large_is_refused(tmp_path):
     def says(words):
         assert_says(

@@ -49,6 +49,8 @@ def test_two_streams_of_one_id_are_refused(tmp_path, first, second):
     assert not (tmp_path / "manifest.json").exists()
 
 
+@pytest.mark.slow
+@pytest.mark.daily(2)
 @pytest.mark.parametrize("folder", ["set.v1.2", "a+b (copy)", "v2,x", "ünï.1", "two  blanks", "run.h5", "50 %", "it's"])
 def test_names_with_dots_and_blanks_survive_every_export(tmp_path, call, folder):
     spikes = np.random.default_rng(1).integers(0, 2, (64, 8, 8), np.uint8)

@@ -24,6 +24,7 @@ with EventWriter(path, shape=(4000, 40, 60), readout_hz=20_000, metadata=metadat
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(WRITE))
 def test_a_full_disk_is_one_line_and_leaves_nothing(kind, tmp_path):
     """A limit on the size of files acts like a full disk, with another errno; from the first structures to the end.

@@ -58,6 +58,7 @@ def test_a_stream_goes_out_and_comes_back(tmp_path, layout, flip):
     assert import_raw_frames(tmp_path / "a.dat", tmp_path / "b.h5", layout=layout, flip=flip) == digest
 
 
+@pytest.mark.slow
 def test_time_blocks_join_without_a_seam(tmp_path):
     raw = raw_file(tmp_path / "a.dat", "416", 2_003)
     import_raw_frames(tmp_path / "a.dat", tmp_path / "a.h5", readout_hz=40_000)
@@ -159,6 +160,7 @@ class LiteralView:
         return self.measure(self.spikes[first:stop].sum(axis=0, dtype=np.uint16).astype(np.int64))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.parametrize("measure", LITERAL_MEASURES)
 @pytest.mark.slow
 def test_a_foreign_file_is_searched_as_the_released_code_would_to_the_last_frame(tmp_path, measure):

@@ -71,6 +71,7 @@ def test_a_dataset_with_one_recording_of_photons_refuses_them_too(tmp_path, call
     assert (code, "corrects for the noise of spikes" in err) == (2, True), err
 
 
+@pytest.mark.slow
 def test_other_measures_take_photons(tmp_path, call, photons):
     assert call("score", photons, "--measure", "sd", "--window", 100)[0] == 0
     assert call("view", photons, "--as", "spikes", "--out", tmp_path / "a.png")[0] == 0

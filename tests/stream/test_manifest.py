@@ -118,6 +118,7 @@ def test_a_sequence_whose_names_are_paths_names_no_file(wrong):
     assert "a name without /" in refusal(stem_of, replace(ENTRY, **wrong), where="m").allowed
 
 
+@pytest.mark.slow
 def test_an_entry_is_verified_against_its_stream(tmp_path):
     digest = write_stream(tmp_path / "a.h5", np.eye(7)[:, None])
     entry = replace(ENTRY, file="a.h5", frames=7, content_sha256=digest)

@@ -62,6 +62,7 @@ def damage(path):
             file.write(bytes(place.size))
 
 
+@pytest.mark.slow
 def test_all_streams_share_one_budget_and_what_is_closed_or_lost_is_free(tmp_path, monkeypatch):
     """Blocks of 250 × 40 × 50 bytes, of which ten fit; each stream has four."""
     block = 250 * 40 * 50

@@ -38,6 +38,7 @@ def save_mat(path, spikes):
     savemat(path, {"spikes": spikes}, do_compression=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [np.savez_compressed, save_mat])
 def test_a_dark_recording_that_packs_a_thousand_to_one_is_read(tmp_path, write):
     dark = np.zeros((600, 100, 200), bool)
@@ -119,6 +120,8 @@ def test_a_sheet_that_is_packed_as_no_program_packs_it_is_refused(tmp_path, meth
     assert_says(refusal(read_saf_config, tmp_path), "packed by method | deflate")
 
 
+@pytest.mark.slow
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("read", "text", "says"),
     [
@@ -142,6 +145,7 @@ def test_rows_of_nothing_are_refused(tmp_path, form):
 LONG = "".join(f"{n},{n % 7}\n" for n in range(300_000))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -155,6 +159,7 @@ def test_a_fault_far_down_a_long_table_is_named_with_its_line(text, says):
     assert_says(refusal(parse_columns, f"t,v\n{text}", ("t", "v"), name="a.csv"), says)
 
 
+@pytest.mark.slow
 def test_a_long_table_is_read_as_python_reads_its_numbers():
     text = f"# note\n\nt,v\n{LONG}300_000, 1e-3 \r\n\n300001,.1\n"
     t, v = parse_columns(text, ("t", "v"), name="a.csv")

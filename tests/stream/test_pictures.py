@@ -151,6 +151,7 @@ def test_each_kind_of_figure_is_one_column_wide_and_the_same_again(stream, tmp_p
         assert image.size[0] == 3.5 * 300
 
 
+@pytest.mark.slow
 def test_what_is_not_known_leaves_no_empty_plot(bare, stream, tmp_path):
     for opened, known in ((stream, True), (bare, False)):
         write_view(opened, tmp_path / "a.svg", window=20)
@@ -158,6 +159,7 @@ def test_what_is_not_known_leaves_no_empty_plot(bare, stream, tmp_path):
         assert (">position<" in svg, ">spikes per readout<" in svg) == (known, True)
 
 
+@pytest.mark.slow
 def test_a_gif_has_a_frame_for_each_picture_and_the_rate_asked_for(stream, tmp_path):
     write_view(stream, tmp_path / "a.gif", every=100, fps=8, measures=["sd"])
     with Image.open(tmp_path / "a.gif") as image:
@@ -179,6 +181,7 @@ def lit(path, names):
     return open_stream(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["gif", "png"])
 def test_each_of_many_lights_with_long_names_has_its_own_colour(tmp_path, form):
     """Matplotlib would warn if the legend left no room for the plot.
@@ -222,6 +225,7 @@ def test_the_cursor_goes_as_frames_go(stream):
     assert steps == pytest.approx(steps.mean(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_page_stands_alone_and_holds_every_picture(stream, tmp_path):
     write_view(stream, tmp_path / "index.html", every=100, measures=["sd"])
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
@@ -285,6 +289,7 @@ def test_what_cannot_be_drawn_is_one_line_and_nothing_is_written(stream, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_the_command_draws_what_its_options_say(stream, tmp_path, call):
     code, out, err = call(
         "view", stream.path, "--as", "tfi", "--window", 60, "--from", 200, "--to", 800, "--every", 100,

@@ -140,6 +140,7 @@ def test_a_part_keeps_its_mask_and_fills_from_its_own_pixels(tmp_path):
     assert not (tmp_path / "d.h5").exists()
 
 
+@pytest.mark.slow
 def test_kept_counts_of_a_masked_stream_are_not_those_of_the_unmasked(tmp_path):
     from saf_gen.stream.dataset import index_folder
 

@@ -70,6 +70,7 @@ def test_what_is_fetched_is_the_dataset_without_its_stacks(dataset, tmp_path):
     assert (folder / TABLE_NAME).read_text().startswith("id,split,scene,")
 
 
+@pytest.mark.slow
 def test_a_file_that_breaks_off_is_fetched_again(dataset, tmp_path):
     lines = []
     with serve(dataset, breaks={STREAM: 2}) as (server, address):
@@ -79,6 +80,7 @@ def test_a_file_that_breaks_off_is_fetched_again(dataset, tmp_path):
     assert all("trying again in " in line for line in lines)
 
 
+@pytest.mark.slow
 def test_what_was_fetched_before_a_stop_is_not_fetched_again(dataset, tmp_path):
     """The server always breaks off one file: the folder is no dataset yet, and the other files are kept."""
     broken = pytest.raises(BadInput, match=r"b-constant-00\.h5: cannot be fetched: .*run the same command again")
@@ -95,6 +97,7 @@ def test_what_was_fetched_before_a_stop_is_not_fetched_again(dataset, tmp_path):
     assert not (folder / ".fetch").exists()
 
 
+@pytest.mark.slow
 def test_a_stream_that_was_changed_here_is_fetched_again(dataset, tmp_path):
     folder, _ = fetch(dataset, tmp_path / "again")
     (folder / "test/c-constant-00.h5").write_bytes(b"x")
@@ -290,6 +293,7 @@ def test_the_command_prints_the_next_step(call, dataset, tmp_path, monkeypatch):
     assert f"dataset: {Path('datasets/mine')}   (next: saf-gen evaluate datasets/mine)\n" in out
 
 
+@pytest.mark.slow
 def test_a_card_is_bounded_and_may_be_missing(copy, tmp_path):
     (copy / "croissant.json").write_bytes(bytes(5_000_000))
     assert_says(refusal(fetch, copy, tmp_path / "again"), "croissant.json: cannot be fetched | more than 4,194,304")

@@ -25,6 +25,7 @@ def dataset(tmp_path, monkeypatch):
     return make_windowed_dataset(tmp_path)
 
 
+@pytest.mark.slow
 def test_windows_are_the_counts_of_their_frames_and_the_way_of_the_lens_to_focus(dataset):
     windows = SpikeWindows(dataset, "train", window=64)
     assert len(windows) == 2 * 15
@@ -252,6 +253,7 @@ def read_and_send(windows, numbers, pipe):
     pipe.send([windows[number] for number in numbers])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # since Python 3.12, in a process that has threads
 def test_processes_that_count_the_same_sequences_at_once_agree(dataset):
     """tests/stream/test_many_processes.py: a stream in a process that was spawned."""

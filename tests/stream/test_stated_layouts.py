@@ -56,6 +56,7 @@ def test_without_a_layout_that_fits_no_picture_is_shown(call, tmp_path):
     assert "layouts that fit the length, which proves nothing: none" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bitorder", ["little", "big"])
 @pytest.mark.parametrize("size", [(400, 600), (256, 448), (1000, 1000)], ids=str)
 def test_any_size_is_read_when_it_is_stated(call, tmp_path, size, bitorder):
@@ -152,6 +153,7 @@ def test_import_shows_a_small_picture(call, tmp_path):
     assert {row.rstrip() for row in rows} == {" " * 24 + "@" * 24}
 
 
+@pytest.mark.slow
 def test_a_large_stream_can_be_exported_for_spikecv(call, tmp_path):
     write_stream(tmp_path / "a.h5", fire(make_picture(1000, 1000), 12))
     code, out, _ = call("export", tmp_path / "a.h5", "--for", "spikecv", "--out", tmp_path / "a.dat")

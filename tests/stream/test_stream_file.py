@@ -322,6 +322,7 @@ def test_an_exception_leaves_neither_file_nor_temporary_and_keeps_the_old_one(tm
         assert stream.content_sha256 == digest
 
 
+@pytest.mark.slow
 def test_a_killed_writer_leaves_no_file_of_that_name(tmp_path):
     script = f"""
 import numpy as np, time
@@ -338,6 +339,7 @@ with StreamWriter({str(tmp_path / "a.h5")!r}, shape=(8000, 20, 20)) as writer:
     assert list(tmp_path.iterdir()) == list(tmp_path.glob(f".a.h5.*.{process.pid}.part"))
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
     """A limit on the size of files acts like a full disk, with another errno.
 

@@ -35,6 +35,7 @@ def test_a_halftone_has_the_stated_period(period):
     assert {SIZE // period, 0} == set(np.unravel_index(spectrum.argmax(), spectrum.shape))
 
 
+@pytest.mark.slow
 def test_every_scene_states_its_focus_and_one_is_found():
     for name in SCENES:
         sweep = make(name, 0)

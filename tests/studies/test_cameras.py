@@ -102,6 +102,7 @@ def test_bits_of_an_unknown_sensor_are_unknown():
     assert np.isnan(bits_per_pixel(change(record("a+s", "m0-dim", 0.2), sensor=None)))
 
 
+@pytest.mark.slow
 def test_an_interval_holds_the_mean_of_members_as_often_as_it_says():
     """200 draws of 40 members, seed 5: 95 % intervals miss the mean 4 to 22 times but once in 500 tests."""
     random, missed = np.random.default_rng(5), 0

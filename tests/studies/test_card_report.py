@@ -67,6 +67,7 @@ def test_without_nvidias_program_the_report_says_so(monkeypatch):
     assert card.describe_card() == "A, 580.1, 80 MiB; B, 580.1, 80 MiB"
 
 
+@pytest.mark.slow
 def test_the_tests_of_the_report_are_those_of_the_renderer():
     """Only collected, because the card is elsewhere."""
     command = [sys.executable, *card.TESTS, "--collect-only", "-p", "no:cacheprovider"]

@@ -28,6 +28,7 @@ def write(folder, name, *, optima=None, sharpest=None):
     )
 
 
+@pytest.mark.slow
 def test_each_member_counts_once_and_sd_is_that_of_its_curve(tmp_path, capsys):
     write(tmp_path, "a", optima={"brenner": 0.02, "vollath_f4": -0.08}, sharpest=0.04)
     write(tmp_path, "b", optima={"brenner": 0.02, "vollath_f4": -0.08}, sharpest=0.04)  # another light

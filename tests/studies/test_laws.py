@@ -31,6 +31,7 @@ def assert_holds(law, maker, *, quick):
     assert found.outcome == "passed", [one for one in found.comparisons if not one.passed]
 
 
+@pytest.mark.daily(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_holds_at_its_small_size(maker, name):
@@ -69,6 +70,7 @@ def planted(monkeypatch):
     return lambda *laws: monkeypatch.setattr(run, "LAWS", {law.name: law for law in laws})
 
 
+@pytest.mark.slow
 def test_a_law_that_fails_is_named_with_its_figure_on_the_page_too(planted, tmp_path, capsys):
     planted(make_law("noise_right", 1.04), make_law("noise_wrong", 1.2))
     assert main(["--out", str(tmp_path)]) == 1
@@ -111,6 +113,7 @@ def test_a_stopped_run_goes_on_unless_size_or_code_changed(tmp_path, monkeypatch
     assert [p.name for p in (tmp_path / run.KEPT).iterdir()] == ["000000000000-whole"]
 
 
+@pytest.mark.slow
 def test_a_law_checked_alone_leaves_the_sections_of_others_as_they_are(planted, tmp_path):
     others = make_law("noise_first"), make_law("light_second"), make_law("light_third")
     planted(*others)

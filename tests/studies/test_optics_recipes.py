@@ -15,6 +15,7 @@ def resolved():
     return {name: resolve_recipe(FOLDER / f"{name}.yaml") for name in CONDITIONS}
 
 
+@pytest.mark.slow
 def test_conditions_share_members_motions_and_seeds_so_that_answers_can_be_paired(resolved):
     assert CONDITIONS == ["colour", "mild", "none", "strong"]
     alike = {

@@ -41,6 +41,7 @@ def test_records_of_another_format_are_refused_in_one_line(tmp_path, capsys):
     assert len(printed.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
 def test_records_beside_the_pages_can_be_read(path):
     assert len(read_packed_records(path)) >= 400

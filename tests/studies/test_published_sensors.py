@@ -160,6 +160,7 @@ def test_a_spread_that_is_planted_between_halves_is_found(recorded):
     assert found == pytest.approx(0.05 / np.sqrt(2), rel=0.03)
 
 
+@pytest.mark.slow
 def test_published_figures_stand_beside_those_of_a_sensor(monkeypatch, capsys):
     """The array is small, so only the kinds of figures and the rate of the stream are compared."""
     monkeypatch.setattr("studies.published_sensors.DARK_FRAMES", 4000)

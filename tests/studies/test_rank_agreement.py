@@ -52,6 +52,7 @@ def test_a_condition_that_changes_nothing_has_tau_1_and_no_method_that_moved():
     assert found.most_moved[1:] == (1, 1)
 
 
+@pytest.mark.slow
 def test_a_condition_that_reverses_the_ranking_is_significant():
     both = merge_records(dict(zip("ab", two_sensors(by_skill, lambda m, s, i: by_skill(7 - m, s, i)), strict=True)))
     (found,) = [one for one in compare_rankings(both) if one.condition == "sensor"]

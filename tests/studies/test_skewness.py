@@ -47,6 +47,7 @@ def test_a_stack_of_pictures_is_measured(tmp_path):
     assert gradient_energy(np.ones((5, 5))).max() == 0
 
 
+@pytest.mark.slow
 def test_depths_that_differ_make_a_curve_as_skew_as_real_boxes_and_third_order_aberrations_do_not():
     found = {row.name: np.abs(row.quartiles[:, 1]).max() for row in model_rows()}
     lens = [skew for name, skew in found.items() if name.startswith(("f/2", "microscope"))]
@@ -55,6 +56,7 @@ def test_depths_that_differ_make_a_curve_as_skew_as_real_boxes_and_third_order_a
     assert found["one depth"] < 0.005
 
 
+@pytest.mark.slow
 def test_a_fast_real_lens_is_skew_off_its_axis_and_not_when_stopped_down():
     found = {name: np.abs(skewness(curve)).max() for name, curve in shipped_curves() if name.startswith("double_gauss")}
     assert found["double_gauss, f/1.85, 0 mm off the axis"] < 0.01

@@ -135,6 +135,7 @@ def test_every_sensor_has_the_response_of_its_numbers(name):
         assert abs(z) < FAR
 
 
+@pytest.mark.slow
 def test_the_signs_of_smooth_terms_vary_from_device_to_device():
     """Among 40 devices each sign occurs, except with probability 2·2⁻⁴⁰; seeds 0 to 39."""
     sensor = replace(PLAIN, response_twist_rms=0.02)

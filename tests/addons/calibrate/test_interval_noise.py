@@ -93,6 +93,7 @@ def test_the_law_of_dark_counts_is_that_of_its_definition():
     assert stats.chi2.sf(((found - expected) ** 2 / expected).sum(), 40) > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [500, 20_000])
 def test_dark_rates_are_found_although_some_pixels_never_fire(frames):
     """3,000 pixels with log-normal rates of median 0.004, ten seeds; in 500 readouts some never fire.

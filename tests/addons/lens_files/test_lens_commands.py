@@ -23,6 +23,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_lens_is_fitted_shown_and_drawn(folder, capsys):
     assert exit_code("lens", "fit", "a.zmx", "--degree", 5, "--waves-nm", "500,600") == 0
     assert "lens: {file: a.yaml, f_number:" in capsys.readouterr().out

@@ -459,6 +459,7 @@ def test_a_shipped_lens_bends_rays_as_root_finding_does(name):
     assert pytest.approx(np.array([slope for _, slope in own]), abs=1e-7) == found.slope.T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_a_shipped_lens_is_what_its_prescription_gives(name):
     """Made again from its file, with the command that it states: the same rays, within 2e-6 (m, slope)."""

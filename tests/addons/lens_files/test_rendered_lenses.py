@@ -65,6 +65,7 @@ def test_rays_leave_the_lens_as_they_do_when_traced_through_its_surfaces(tmp_pat
     assert off.max() < 0.2
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_an_edge_is_the_sum_of_traced_rays(tmp_path, monkeypatch):
     """Plain paths against rays through the surfaces, eight independent sums each: Welch's t of every column that the

@@ -14,6 +14,7 @@ from saf_gen.core.bits import unpack_bits
 from saf_gen.errors import BadInput
 
 
+@pytest.mark.slow
 def test_its_counts_are_those_of_the_encoder_bit_for_bit(still):
     # A power of two, because the encoder may multiply gain, charge and response in another order.
     capture = replace(still, seed=7, device_seed=7, exposure=2.0 ** round(np.log2(still.exposure)))
@@ -170,6 +171,7 @@ def test_photons_are_scored_by_no_measure_that_corrects_for_spikes(photons):
         assert problem in str(refusal(call))
 
 
+@pytest.mark.slow
 def test_a_scene_is_rendered_once_and_kept(tmp_path, monkeypatch, test_scenes, small_sensor):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     told = []

@@ -89,6 +89,7 @@ def test_time_goes_on_as_on_the_wall_but_not_while_nobody_looks(server):
     assert last["seconds"] - slow["seconds"] < 0.1 * (time.perf_counter() - begun) + 0.01
 
 
+@pytest.mark.slow
 def test_a_method_runs_when_asked_and_can_be_stopped(server):
     assert ask(server, "method", {"name": "sd+golden_section"})[0] == 200
     assert ask(server, "method", {"name": "sd+golden_section"}) == (
