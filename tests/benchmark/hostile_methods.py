@@ -685,7 +685,8 @@ def reads_files_of_others(view):
     places = [Path("/root"), Path("/home"), Path(tempfile.gettempdir()).parents[1], *Path(__file__).parents[2:4]]
     for place in places:
         for path in [*place.glob("*"), *place.glob("*/*.h5"), *place.glob("*/.*")][:200]:
-            if path.is_dir() or path.is_relative_to(Path(__file__).parent) or "saf-gen-guest" in str(path):
+            ours = (Path(__file__).parent, sys.prefix, sys.base_prefix)
+            if path.is_dir() or any(map(path.is_relative_to, ours)) or "saf-gen-guest" in str(path):
                 continue
             if subprocess.run(["cat", path], capture_output=True).stdout:
                 return Answer(99.0, note=str(path))

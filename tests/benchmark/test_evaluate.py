@@ -177,7 +177,7 @@ def test_an_answer_is_judged_by_where_the_lens_was_and_not_by_its_log(tmp_path):
 def test_a_stream_without_truth_or_without_a_lens_record_is_searched_with_null_errors(tmp_path):
     write_sweep(tmp_path / "blind.h5", PEAK, known=False)
     record = one(tmp_path / "blind.h5", "sd+argmax:window=50")
-    assert abs(record.frame - PEAK) <= 25.5
+    assert abs(record.judgement.frame - PEAK) <= 25.5
     assert record.judgement.position == pytest.approx(record.judgement.frame / (SHAPE[0] - 1))
     assert (
         record.judgement.truth,
@@ -188,8 +188,8 @@ def test_a_stream_without_truth_or_without_a_lens_record_is_searched_with_null_e
     assert record.success() is None
     write_stream(tmp_path / "bare.h5", make_spikes(PEAK))
     bare = one(tmp_path / "bare.h5", "sd+argmax:window=50")
-    assert bare.frame == record.frame
-    assert (bare.position, bare.error, bare.lens_travel) == (None, None, None)
+    assert bare.judgement.frame == record.judgement.frame
+    assert (bare.judgement.position, bare.judgement.error, bare.judgement.lens_travel) == (None, None, None)
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +208,7 @@ def two_depths(tmp_path_factory):
 @pytest.mark.slow
 def test_both_regions_are_two_methods_each(two_depths):
     alone = {region: one(two_depths, "sd+argmax:window=50", region=region) for region in ("target", "frame")}
-    assert abs(alone["target"].frame - 600) <= 25.5  # it sees only the box round the target
+    assert abs(alone["target"].judgement.frame - 600) <= 25.5  # it sees only the box round the target
     steps, methods = [], ["sd+argmax:window=50", "cen+argmax"]
     both = evaluate(two_depths, methods=methods, region="both", progress=lambda *step: steps.append(step))
     assert sorted({(done, total) for done, total, _ in steps}) == [(n, 4) for n in (1, 2, 3, 4)]
@@ -216,10 +216,10 @@ def test_both_regions_are_two_methods_each(two_depths):
     assert [r.who.method for r in both.records] == names
     assert [r.who.region for r in both.records] == ["target", "target", "frame", "frame"]
     for record, region in ((both.records[0], "target"), (both.records[2], "frame")):
-        assert (record.judgement.frame, record.who.code) == (alone[region].frame, alone[region].code)
+        assert (record.judgement.frame, record.who.code) == (alone[region].judgement.frame, alone[region].who.code)
     # Conditions, such as the mean rate, describe the sequence, not the region where a method looks.
-    assert alone["target"].mean_rate != alone["frame"].mean_rate
-    assert {record.what.mean_rate for record in both.records} == {alone["target"].mean_rate}
+    assert alone["target"].what.mean_rate != alone["frame"].what.mean_rate
+    assert {record.what.mean_rate for record in both.records} == {alone["target"].what.mean_rate}
     assert {row.method for row in rank_methods(both.records)} == set(names)
     (sweep,) = both.sweeps
     assert [curve.measure for curve in sweep.curves] == ["sd", "cen"]
@@ -432,7 +432,7 @@ def test_the_view_of_a_recording_has_only_the_promised_members(stream_file, regi
         return Answer()
 
     register("searches", "mine", looks)
-    assert one(stream_file, "sd+mine").status == "abstained"
+    assert one(stream_file, "sd+mine").judgement.status == "abstained"
     promised = {name for name in vars(View) if not name.startswith("_")}
     assert {name for name in dir(held[0]) if not name.startswith("_")} == promised
 
@@ -441,9 +441,9 @@ def test_a_failure_is_no_success_even_where_an_abstention_would_be(tmp_path, reg
     lens = np.linspace(0, 1, SHAPE[0], dtype=np.float32)
     write_stream(tmp_path / "out.h5", make_spikes(1200.0), focus_position=lens, truth=make_truth(1200.0))
     register("searches", "mine", raising(ZeroDivisionError("no light")))
-    assert one(tmp_path / "out.h5", "sd+mine").success_1dof is False
+    assert one(tmp_path / "out.h5", "sd+mine").success() is False
     register("searches", "mine", Abstains)
-    assert one(tmp_path / "out.h5", "sd+mine").success_1dof is True
+    assert one(tmp_path / "out.h5", "sd+mine").success() is True
 
 
 @pytest.mark.slow

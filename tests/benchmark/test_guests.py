@@ -86,7 +86,7 @@ def test_a_hostile_method_fails_for_itself_only(run, sweep, name):
         assert len(problem) <= 300
         assert "\n" not in problem
     else:
-        assert (answer.frame, problem) == (7.0, "")
+        assert (answer.frame, problem) == (7.0, ""), answer.note
     assert view.scorer.windows >= 0
     after = run("variance+argmax:window=50")[0]
     assert after.frame is not None

@@ -50,10 +50,12 @@ def test_a_file_that_raises_is_refused_and_can_be_mended(tmp_path):
 
 
 RUNS = """\
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-Path({trace!r}).write_text("run")
+with suppress(OSError):  # a guest is shut in
+    Path({trace!r}).write_text("run")
 
 @dataclass(frozen=True)
 class Part:

@@ -1,5 +1,7 @@
 """Descriptions of measures and searches on report pages: of methods that ran, and of records with the same code."""
 
+from dataclasses import replace
+
 import pytest
 from handmade_records import change, record
 
@@ -89,6 +91,6 @@ def test_what_cannot_describe_itself_stops_no_evaluation():
             raise RuntimeError("no")
 
     known = parse_method("sd+argmax")
-    measure, search = describe_plugins([change(known, measure=Sulking())])
+    measure, search = describe_plugins([replace(known, measure=Sulking())])
     assert measure.facts == (("what", "it cannot be described: RuntimeError: no"),)
     assert search.name == "argmax"

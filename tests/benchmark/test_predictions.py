@@ -151,7 +151,7 @@ def test_where_the_manifest_says_another_length_that_prediction_alone_fails(data
     write_manifest(copy, replace(manifest, sequences=tuple(replace(s, frames=900) for s in manifest.sequences)))
     path = written(tmp_path / "p.jsonl", line("one", 300, frames_seen=850), line("two", 500, frames_seen=800))
     ran, one, other, two = evaluate(copy, methods=["sd+argmax"], predictions=path).records
-    assert (ran.judgement.status, other.judgement.status, two.status) == ("answered", "answered", "answered")
+    assert (ran.judgement.status, other.judgement.status, two.judgement.status) == ("answered", "answered", "answered")
     assert (one.judgement.status, one.judgement.frames_seen, one.success(2)) == ("failed", 800, False)
     assert one.judgement.note == "frames_seen is 850, but 800 frames were recorded"
 

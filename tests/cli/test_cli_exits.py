@@ -9,6 +9,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
+import time
 
 import pytest
 from planted_sweeps import write_three_sweeps
@@ -201,9 +204,22 @@ def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, swee
     assert found == {name: "abstained" if name == "abstains" else "failed" for name in searches}
 
 
-def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts):
+def wait_for_guest(folder):
+    """Wait until a method has made the file ``runs`` in the folder of its process, the only one that it may write."""
+    while not list(folder.glob("saf-gen-guest-*/work/runs")):
+        time.sleep(0.05)
+
+
+def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts, monkeypatch):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs that a shell starts in the background ignore it
-    mine = write_parts(in_use="import os, signal, time; os.kill(os.getppid(), signal.SIGINT); time.sleep(9)")
+    mine = write_parts(in_use="import pathlib, time; pathlib.Path('runs').touch(); time.sleep(9)")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+    def press():
+        wait_for_guest(tmp_path)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=press).start()
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
     assert code == 130
     assert only_error(err).startswith("saf-gen: stopped; finished work is kept")
@@ -316,14 +332,15 @@ def test_help_is_not_empty_for_a_width_that_no_terminal_has(columns):
 def test_a_closed_terminal_stops_a_command_in_one_line_unless_it_is_ignored(
     sweeps, tmp_path, write_parts, ignored, code
 ):
-    mine = write_parts(
-        in_use="import os, signal, time; os.kill(os.getppid(), signal.SIGHUP); time.sleep(1); return None"
-    )
+    mine = write_parts(in_use="import pathlib, time; pathlib.Path('runs').touch(); time.sleep(1); return None")
     command = [sys.executable, "-m", "saf_gen", "evaluate", sweeps, "--method", f"sd+{mine}:look"]
     handler = signal.SIG_IGN if ignored else signal.SIG_DFL
-    run = subprocess.run(
-        [*command, "--out", tmp_path / "out"], capture_output=True, text=True, check=False,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, handler),
+    run = subprocess.Popen(
+        [*command, "--out", tmp_path / "out"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"TMPDIR": str(tmp_path)}, preexec_fn=lambda: signal.signal(signal.SIGHUP, handler),
     )  # fmt: skip
+    wait_for_guest(tmp_path)
+    run.send_signal(signal.SIGHUP)
+    _, err = run.communicate()
     assert run.returncode == code  # if it goes on, its answer, None, is malformed
-    assert ("saf-gen: stopped; finished work is kept" in run.stderr) != ignored
+    assert ("saf-gen: stopped; finished work is kept" in err) != ignored

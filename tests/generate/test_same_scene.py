@@ -58,7 +58,7 @@ NAMES = "'amber blue coral green indigo lemon mauve olive pink red silver teal'.
 UNSTABLE = {
     "unseeded": "return np.random.default_rng().random((64, 64))",
     "hashed": "return np.random.default_rng(hash('camel') % 2**32).random((64, 64))",
-    "unordered": f"return np.resize([len(name) / 8 + ord(name[0]) / 400 for name in set({NAMES})], (64, 64))",
+    "unordered": f"return np.resize([len(name) / 10 + ord(name[0]) / 400 for name in set({NAMES})], (64, 64))",
     "by_age": "files = sorted(HERE.glob('*.txt'), key=lambda file: file.stat().st_mtime); "
     "return np.resize([float(file.read_text()) for file in files], (64, 64))",
     "clocked": "import time; return np.resize([time.time() % 1, 0.5, 0.1], (64, 64))",
@@ -68,7 +68,7 @@ STABLE = {
     "seeded": "return np.random.default_rng(5).random((64, 64))",
     "rounded": "last = np.random.default_rng().random((64, 64)); "
     "return np.random.default_rng(5).random((64, 64)) * (1 + 1e-7 * last)",
-    "ordered": f"return np.resize([len(name) / 8 + ord(name[0]) / 400 for name in sorted(set({NAMES}))], (64, 64))",
+    "ordered": f"return np.resize([len(name) / 10 + ord(name[0]) / 400 for name in sorted(set({NAMES}))], (64, 64))",
 }
 """What is the same each time, but for the last digits that other processors round."""
 

@@ -27,10 +27,15 @@ def change(record, **values):
 def record(method, sequence, error_dof, *, scene="camel", light="constant", **more):
     """Return an answer ``error_dof`` from the truth, exactly; None means that the truth is unknown.
 
-    A depth of focus is an eighth of the travel, or 100 frames.
+    A depth of focus is an eighth of the travel, or 100 frames; the frame is at most at an end of the recording.
     """
     error = error_dof or 0.0
-    plain = {"position": error / 8, "frame": 400.0 + 100 * error, "data": f"sha-{sequence}", "code": f"code-{method}"}
+    plain = {
+        "position": error / 8,
+        "frame": min(max(400.0 + 100 * error, 0.0), 800.0),
+        "data": f"sha-{sequence}",
+        "code": f"code-{method}",
+    }
     plain |= {"truth": None, "truth_frame": None} if error_dof is None else {}
     return change(BLANK, method=method, sequence=sequence, scene=scene, light=light, **{**plain, **more})
 

@@ -201,7 +201,8 @@ def test_single_answers_follow_what_is_shown_and_a_methods_name_lists_its_own(as
     assert len(answer["all"]) == len(records)
     for shown, expected in ((answer["some"], kept), (answer["own"], own)):
         assert sorted(line[:2] for line in shown) == sorted([r.who.method, r.what.sequence] for r in expected)
-        assert all([records[int(line[7]) - 1].method, records[int(line[7]) - 1].note] == line[::8] for line in shown)
+        lines = [records[int(line[7]) - 1] for line in shown]
+        assert [[r.who.method, r.judgement.note] for r in lines] == [line[::8] for line in shown]
     assert answer["said"] == f"{len(kept)} answers, the worst first."
     assert answer["whose"].startswith(f"{len(own)} answers of {answer['first']}, the worst first.")
     assert (answer["open"], answer["notes"]) == (True, 0)

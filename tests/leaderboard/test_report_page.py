@@ -250,8 +250,8 @@ def test_the_worst_answers_are_a_table_whose_lines_lead_to_the_file():
     text = page_of(records)
     (rows,) = table_rows(text, 'aria-label="Single answers"')
     assert len(rows) == MAX_ANSWERS
-    assert rows[0] == ["a+s", "s7", "failed", "–", "0.5000", "–", "0.0", "8", "&lt;late&gt;"]
-    assert rows[1][5:8] == ["10.40", "0.0", "105"]
+    assert rows[0] == ["a+s", "s7", "failed", "–", "0.0000", "–", "–", "8", "&lt;late&gt;"]
+    assert rows[1][5:8] == ["10.40", "20.8", "105"]
     assert '<td><a href="records.jsonl">105</a></td>' in text
     assert f"The {MAX_ANSWERS} worst of {MAX_ANSWERS + 5} answers." in text
 

@@ -35,6 +35,7 @@ def reach_of(folders: Iterable[str], files: Iterable[str], *, own: Path) -> Reac
         return None
     own_folders = [str(Path(folder).resolve()) for folder in folders]
     imported = [Path(path).resolve() for path in sys.path if path and Path(path).is_dir()]
+    stated = [Path(path).resolve() for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
     readable, listed = [*SYSTEM, *files], [str(PACKAGE.parent), *own_folders]
     readable += filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep))
     for folder in {Path(sys.prefix).resolve(), Path(sys.base_prefix).resolve(), *imported, PACKAGE}:
@@ -42,7 +43,7 @@ def reach_of(folders: Iterable[str], files: Iterable[str], *, own: Path) -> Reac
             readable += _around_package(folder)
         elif folder == PACKAGE.parent:
             readable += [str(path) for path in folder.glob("*-info")]
-        elif folder != Path.cwd():  # with which Python begins its path; the method names it if it needs it
+        elif folder != Path.cwd() or folder in stated:  # Python begins its path with it, although nobody asked for it
             listed.append(str(folder))
             readable += _besides_datasets(folder)
     for place in own_folders:
