@@ -127,6 +127,7 @@ MESH_CALLS |= {"has_vertex_normals", "has_vertex_texcoords", "has_face_normals",
 MESH_WORDS = {"vertex_positions", "vertex_normals", "vertex_texcoords"}
 
 
+@pytest.mark.slow
 def test_mesh_calls_to_mitsuba_stand_in_one_file():
     """Mitsuba 3.10 renames all of them."""
     callers = set()

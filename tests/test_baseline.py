@@ -171,6 +171,7 @@ def test_methods_are_all_that_a_commit_lists_and_that_suit_the_camera(baseline, 
     assert not any(refused in method for methods in found.values() for method in methods)
 
 
+@pytest.mark.slow
 def test_gate_2_runs_the_commands_of_the_checkout_and_notes_what_fails(baseline, tmp_path):
     (tmp_path / "checkout/saf_gen").mkdir(parents=True)
     (tmp_path / "checkout/saf_gen/__init__.py").write_text("")

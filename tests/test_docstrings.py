@@ -37,6 +37,7 @@ def with_sections():
     return [(where, node, found) for where, node, text in documented() if (found := sections_of(text))]
 
 
+@pytest.mark.slow
 def test_sections_have_the_titles_and_the_order_of_numpydoc(with_sections):
     wrong = [
         where

@@ -121,6 +121,7 @@ def evaluated(desk, at_desk):
     return desk / "judged"
 
 
+@pytest.mark.slow
 def test_intact_sequences_are_evaluated_and_the_others_are_named(desk, at_desk):
     shutil.rmtree(desk / "judged", ignore_errors=True)
     code, _, err = at_desk(
@@ -134,6 +135,7 @@ def test_intact_sequences_are_evaluated_and_the_others_are_named(desk, at_desk):
             assert SECRET.encode() not in path.read_bytes()
 
 
+@pytest.mark.slow
 def test_each_stream_is_inspected_and_the_dataset_verified(desk, at_desk):
     for name in (*INTACT, *ATTACKS):
         for options in ((), ("--json",)):

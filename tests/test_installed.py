@@ -37,6 +37,7 @@ def installed(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_links_of_the_package_page_lead_into_the_released_version_of_the_checkout(tmp_path):
     where = {"GITHUB_SERVER_URL": "https://host.example", "GITHUB_REPOSITORY": "lab/saf", "GITHUB_REF_NAME": "v9"}
     wheel = build_wheel(CHECKOUT, tmp_path, **where)
@@ -124,6 +125,7 @@ def copy_all(copies, folder):
         copy(CHECKOUT / source, folder / target)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copies", [docker_copies, apptainer_copies])
 def test_a_wheel_of_what_a_container_copies_is_the_wheel_of_the_checkout(copies, tmp_path):
     copy_all(copies(), tmp_path / "src")

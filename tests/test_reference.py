@@ -21,6 +21,7 @@ def reference():
         del sys.modules["write_reference"]
 
 
+@pytest.mark.slow
 def test_the_reference_is_what_the_code_says(reference):
     stale = [
         path.relative_to(ROOT).as_posix()

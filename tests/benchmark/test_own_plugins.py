@@ -117,6 +117,7 @@ class Network:
 """
 
 
+@pytest.mark.slow
 def test_a_record_states_long_constants_by_their_length_and_digest(tmp_path):
     stated = {}
     for name, sign, count in (("short", "a", 400), ("long", "a", 1_000_000), ("other", "b", 1_000_000)):

@@ -7,6 +7,7 @@ from numbers import Number
 from pathlib import Path
 
 import numpy as np
+import pytest
 from handmade_records import BLANK
 
 from saf_gen import write_stream
@@ -114,6 +115,7 @@ def make_sequence() -> ClosedLoopSequence:
     return ClosedLoopSequence(task, capture, box, "target", light, "")
 
 
+@pytest.mark.slow
 def test_the_numbers_of_the_recorded_track_are_those_of_its_versions(tmp_path):
     """If it fails, raise COUNTS_VERSION or JUDGEMENT_VERSION in saf_gen/benchmark/versions.py, pin the new digest, and
     say in the commit what moved. A change of a measure or search needs no new version, because each record contains

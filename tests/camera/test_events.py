@@ -285,6 +285,7 @@ def test_leaks_are_log_normal_over_the_pixels(log_sd):
     assert abs(logs.std() / log_sd - 1) < 4.4 / np.sqrt(4000)
 
 
+@pytest.mark.slow
 def test_events_wait_for_the_readout():
     light = get_light("steps", every_s=0.01, levels=[1.0, 1.3])
     events = record(davis("readout", readout_events_per_s=1e5), light, seconds=0.0199, level=1e5, shape=(20, 10))
@@ -475,6 +476,7 @@ def busy(threads=2, cuts=(), seed=3, name="davis346"):
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 
+@pytest.mark.slow
 def test_threads_and_pieces_of_time_do_not_matter():
     whole = busy()
     assert len(whole[0]) > 2000

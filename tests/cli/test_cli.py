@@ -158,6 +158,7 @@ def test_evaluate_prints_the_leaderboard_and_writes_all_files(call, copy):
     assert keys <= set(records(written)[0])
 
 
+@pytest.mark.slow
 def test_evaluate_follows_its_options(call, dataset, tmp_path):
     out = tmp_path / "there"
     code, shown, _ = call(
@@ -171,6 +172,7 @@ def test_evaluate_follows_its_options(call, dataset, tmp_path):
     assert "sd_code+sgfs_code:dt=50" in shown
 
 
+@pytest.mark.slow
 def test_a_log_gets_progress_of_long_sequences(call, dataset, tmp_path, monkeypatch):
     """A line every half minute names the method at work; otherwise there is a line for each sequence."""
     windows = (f"sd+argmax:window={frames}" for frames in (20, 25, 30, 40))
@@ -186,6 +188,7 @@ def test_a_log_gets_progress_of_long_sequences(call, dataset, tmp_path, monkeypa
     assert all(re.fullmatch(r"evaluate \d+%: \S+", line) for line in lines)
 
 
+@pytest.mark.slow
 def test_methods_are_named_in_a_file_too(call, dataset, tmp_path):
     listed = tmp_path / "methods.txt"
     listed.write_text("# mine\n\nsd+argmax\n cen+argmax:refine=centroid  # published\n", encoding="utf-8")
@@ -589,6 +592,7 @@ def test_llvm_that_is_not_there_is_one_line_with_what_to_install(small_recipe, t
 # Failed sequences: exit code 1; they are named, and the others are processed
 
 
+@pytest.mark.slow
 def test_a_damaged_sequence_is_named_and_the_others_are_evaluated(call, copy, tmp_path):
     content = (copy / STREAM).read_bytes()
     (copy / STREAM).write_bytes(content[: len(content) // 2])

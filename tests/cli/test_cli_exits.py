@@ -92,6 +92,8 @@ def assert_good_rows_stand(records, calls):
 # Methods
 
 
+@pytest.mark.slow
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(("statement", "calls"), EXITS.items())
 def test_a_measure_or_search_that_exits_fails_and_the_others_answer(sweeps, write_parts, statement, calls):
     mine = write_parts(in_use=statement)
@@ -118,6 +120,7 @@ def records(sweeps):
     return evaluate(sweeps, methods=["sd+argmax"], draw=False).records
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", LOADING.values(), ids=LOADING)
 def test_every_command_refuses_a_file_that_exits_when_it_is_loaded(
     call, sweeps, records, tmp_path, write_parts, command
@@ -131,6 +134,7 @@ def test_every_command_refuses_a_file_that_exits_when_it_is_loaded(
     assert "cannot be loaded: CodeStopped: its code called exit(2)" in only_error(err)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "statement", "message"),
     [
@@ -145,6 +149,7 @@ def test_a_measure_that_fails_on_a_stream_is_named(call, sweeps, tmp_path, write
     assert f"mine.py:score' fails: {message}; repair it" in only_error(err)
 
 
+@pytest.mark.slow
 def test_a_check_of_a_measure_that_exits_reports_it(call, monkeypatch, write_parts):
     monkeypatch.setenv("COLUMNS", "400")
     code, out, err = call("methods", "check", f"{write_parts(in_use='sys.exit(0)')}:score+argmax")
@@ -155,6 +160,8 @@ def test_a_check_of_a_measure_that_exits_reports_it(call, monkeypatch, write_par
 IN_THE_LOOP = ("--track", "closed_loop", "--budget", "30", "--actuator", "ideal", "--op-rate", "0")
 
 
+@pytest.mark.slow
+@pytest.mark.daily(1)
 @pytest.mark.parametrize(
     ("track", "statement", "reason"),
     [
@@ -177,6 +184,7 @@ def test_a_method_whose_code_breaks_is_one_line_and_exit_code_1(
     assert {record.judgement.status for record in records if record.who.method == "sd+argmax"} == {"answered"}
 
 
+@pytest.mark.slow
 def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_path, write_parts):
     mine = write_parts(in_use="return 1 / 0 if view.score(300, 500) > view.score(100, 300) else Answer()")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:look", "--out", tmp_path / "out")
@@ -184,6 +192,7 @@ def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_pat
     assert " failed on 2 of 3 sequences: ZeroDivisionError: division by zero" in only_error(err)
 
 
+@pytest.mark.slow
 def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, sweeps, tmp_path):
     mine = tmp_path / "mine.py"
     searches = {
@@ -210,6 +219,7 @@ def wait_for_guest(folder):
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, write_parts, monkeypatch):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs that a shell starts in the background ignore it
     mine = write_parts(in_use="import pathlib, time; pathlib.Path('runs').touch(); time.sleep(9)")
@@ -228,6 +238,7 @@ def test_ctrl_c_in_a_method_still_stops_the_evaluation(call, sweeps, tmp_path, w
 # What reaches main()
 
 
+@pytest.mark.slow
 def test_an_exit_while_a_method_is_asked_what_it_is_costs_its_rows(call, sweeps, tmp_path, write_parts):
     mine = write_parts(in_use="sys.exit(0)")
     code, _, err = call("evaluate", sweeps, "--method", f"sd+{mine}:Asked", "--out", tmp_path / "out")
@@ -320,6 +331,7 @@ def test_a_scene_that_exits_in_a_worker_process_fails_its_render(tmp_path):
     assert "scene.py failed: CodeStopped: its code called exit()" in only_error(run.stderr)
 
 
+@pytest.mark.slow
 @pytest.mark.daily(1)
 @pytest.mark.parametrize("columns", ["0", "-3", "3", "many", ""])
 def test_help_is_not_empty_for_a_width_that_no_terminal_has(columns):
@@ -328,6 +340,7 @@ def test_help_is_not_empty_for_a_width_that_no_terminal_has(columns):
     assert b"generate" in run.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ignored", "code"), [(False, 129), (True, 1)])
 def test_a_closed_terminal_stops_a_command_in_one_line_unless_it_is_ignored(
     sweeps, tmp_path, write_parts, ignored, code

@@ -159,6 +159,7 @@ def test_a_search_is_shown_and_both_halves_of_a_method(call):
     assert "refine=centroid (default: no)" in out
 
 
+@pytest.mark.slow
 def test_a_users_plug_in_is_shown_with_what_it_states(call, own):
     page = read_page(call("methods", "show", "somebody.py:Wrong")[1])
     assert (page["degree"], page["cost"], page["range"]) == ("2", "-", "from 0")
@@ -194,6 +195,7 @@ def test_docstrings_are_listed_as_they_are_and_a_part_that_cannot_be_loaded_hide
     assert row(out, "sd")[1] == "0"
 
 
+@pytest.mark.slow
 def test_a_sound_method_passes(call):
     code, out, err = call("methods", "check", "sd+argmax")
     assert (code, err) == (0, "")
@@ -203,6 +205,7 @@ def test_a_sound_method_passes(call):
     assert levels == f"{count.split()[0]} pass, 0 warn, 0 fail"
 
 
+@pytest.mark.slow
 def test_a_warning_is_no_failure_and_a_failure_is_exit_code_1(call, own):
     code, out, _ = call("methods", "check", "somebody.py:Middle")
     assert (code, " 1 warn, 0 fail" in out.splitlines()[-1]) == (0, True)
@@ -211,6 +214,7 @@ def test_a_warning_is_no_failure_and_a_failure_is_exit_code_1(call, own):
     assert "not run: the measure or the search fails" in out
 
 
+@pytest.mark.slow
 def test_findings_come_as_json_and_nothing_else_does(call, own):
     code, out, err = call("methods", "check", "somebody.py:Wrong", "--json")
     assert code == 1

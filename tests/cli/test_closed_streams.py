@@ -53,6 +53,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])
 def test_no_command_fails_on_a_closed_or_full_stream_but_in_one_line(every):
     """Each way for one command in five, or for all; one process forks for each, as starting anew takes far longer."""
@@ -66,6 +67,7 @@ def test_no_command_fails_on_a_closed_or_full_stream_but_in_one_line(every):
         assert ("Traceback" in said, code, len(lines)) == (False, expected, int(told)), (words, stream, how, code, said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["methods", "methods show sd", "scenes list", "evaluate --help", "recipes list"])
 def test_a_reader_that_goes_away_ends_a_command_quietly(command):
     words = f"set -o pipefail; {sys.executable} -m saf_gen {command} | head -1"

@@ -50,6 +50,7 @@ def asked_and_left(refused):
     return tuple(int(refused.stderr.partition(before)[2].split()[0]) for before in ("allowed: ", "leaves "))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2, 3])
 def test_a_command_that_starts_no_process_needs_none(folder, processes):
     ran = run_limited(processes, folder, "sensors", "list")
@@ -57,6 +58,7 @@ def test_a_command_that_starts_no_process_needs_none(folder, processes):
     assert "vidar_400x250" in ran.stdout
 
 
+@pytest.mark.daily(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "workers"), [(0.0, 1), (0.05, 1), (0.1, 1), (0.2, 1), (0.6, 1), (1.0, 1), (0.1, 2), (1.0, 2)]
@@ -75,6 +77,7 @@ def test_generate_says_in_one_line_that_the_limit_is_low_and_makes_nothing(
     assert not list(folder.rglob("*.h5"))
 
 
+@pytest.mark.daily(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 3])
 def test_generate_runs_with_as_many_as_it_asks_for(folder, small_recipe, test_scenes, workers):
@@ -90,6 +93,7 @@ def test_generate_runs_with_as_many_as_it_asks_for(folder, small_recipe, test_sc
     assert "3 sequences recorded" in ran.stdout
 
 
+@pytest.mark.slow
 def test_evaluate_ends_without_a_traceback(folder):
     ran = run_limited(4, folder, "evaluate", "sample", "--method", "sd+argmax", "--out", folder / "ranked")
     assert ran.returncode in (0, 1)  # a machine of few cores needs no more

@@ -26,6 +26,7 @@ def test_a_memory_limit_below_what_libraries_need_is_refused(limited):
         check_address_space(2 << 40)
 
 
+@pytest.mark.slow
 def test_a_command_under_such_a_limit_ends_at_once():
     """Without the check OpenBLAS waits for ever at 400 MiB, and a signal ends Mitsuba at 1 GB."""
 

@@ -109,6 +109,7 @@ def test_an_output_that_is_a_link_is_refused(folder, call, command, kind):
     assert link.is_symlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["records.jsonl", "index.html", "leaderboard.csv"])
 def test_a_link_among_the_files_of_an_evaluation_is_refused(folder, call, name):
     assert run(call, f"{EVALUATE} --out OUT", "judged")[0] == 0
@@ -121,6 +122,7 @@ def test_a_link_among_the_files_of_an_evaluation_is_refused(folder, call, name):
     assert contents(folder) == before
 
 
+@pytest.mark.slow
 def test_what_saf_gen_wrote_is_replaced(folder, call):
     for _ in range(2):
         assert run(call, f"{EVALUATE} --out OUT", "judged")[0] == 0
@@ -131,6 +133,7 @@ def test_what_saf_gen_wrote_is_replaced(folder, call):
     assert (folder / "judged" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_a_second_evaluation_into_one_folder_is_refused_while_the_first_runs(folder, call):
     """The first one holds the folder until it ends, however it ends."""
     hold = (

@@ -103,6 +103,7 @@ def test_scores_of_every_kind_are_highest_where_the_contrast_is(kind, recording,
     assert abs(int(best[0]) - 200) < 60
 
 
+@pytest.mark.slow
 def test_a_folder_of_any_kind_becomes_a_dataset_that_is_intact_and_evaluated(kind, recording, tmp_path, call):
     write(kind, tmp_path / "data/b-lamp-01.h5")
     code, shown, error = call("dataset", "index", recording.parent)

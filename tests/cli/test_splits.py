@@ -145,6 +145,7 @@ def test_an_evaluation_is_written_although_the_pipe_is_closed_already(call, make
 # Evaluations of other splits
 
 
+@pytest.mark.slow
 def test_an_evaluation_that_replaces_one_of_other_splits_reports_them(call, make, tmp_path):
     command = ("evaluate", make(**TWO), *METHOD, "--out", tmp_path / "out")
     assert call(*command, "--split", "all")[0] == 0
@@ -173,6 +174,7 @@ def test_a_stopped_evaluation_of_all_splits_goes_on_with_one(call, make, tmp_pat
     assert {r.what.split for r in read_records(tmp_path / "out")} == {"test"}
 
 
+@pytest.mark.slow
 def test_evaluations_of_different_splits_do_not_share_a_table(call, make, tmp_path):
     folder = make(**TWO)
     for split in ("train", "test", "all"):
@@ -188,6 +190,7 @@ def test_evaluations_of_different_splits_do_not_share_a_table(call, make, tmp_pa
     assert "1 evaluation, splits train and test" in call("leaderboard", "merge", tmp_path / "all")[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("splits", "split"), [(THREE, "validation"), (NONE, "all"), ({"all": 2}, "all")])
 def test_rows_are_run_again_on_the_splits_that_they_rank(call, make, tmp_path, splits, split):
     folder = make(**splits)
@@ -226,6 +229,7 @@ def test_no_split_is_tuned_on_with_the_test(call, make, tmp_path, splits, split,
     assert message in err
 
 
+@pytest.mark.slow
 def test_what_is_tuned_is_evaluated_next_on_a_split_that_can_be(call, make, tmp_path):
     folder, file = make(**NONE), tmp_path / "t.json"
     code, out, _ = call("tune", folder, *METHOD, "--try", "search.window=10,20", "--out", file)
@@ -235,6 +239,7 @@ def test_what_is_tuned_is_evaluated_next_on_a_split_that_can_be(call, make, tmp_
     assert out.splitlines()[-1] == f"{file}   (next: saf-gen evaluate {folder} --split validation --method @{file})"
 
 
+@pytest.mark.slow
 def test_a_log_has_the_split_and_a_line_for_each_sequence_that_ended(call, make):
     """stderr is no terminal here; the lines name each sequence once, with the part of the work that is done."""
     folder = make(train=1, test=3)

@@ -121,6 +121,7 @@ def test_nothing_outlives_a_parent_that_is_killed(tmp_path):
     assert not (tmp_path / "own").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PROC_LISTS_CHILDREN, reason="the system does not list children")
 @pytest.mark.parametrize("name", ["holds_memory_in_a_child_of_a_thread", "holds_files_in_memory"])
 def test_the_memory_of_all_that_a_child_started_is_counted(start, name):

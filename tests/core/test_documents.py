@@ -213,6 +213,7 @@ def test_json_that_does_not_fit_is_refused_with_its_line(text, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_few_lines_that_hold_millions_of_values_are_refused(tmp_path):
     """Each list names the one before ten times: 250 bytes that would fill the memory."""
     names = "abcdefghi"

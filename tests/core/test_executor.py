@@ -59,6 +59,7 @@ def ended_within(seconds, pids):
     return not any(map(alive, pids))
 
 
+@pytest.mark.slow
 def test_all_progress_of_jobs_is_reported_in_order():
     """This includes the last report of the last job."""
     heard = []
@@ -76,6 +77,7 @@ def collect_all(pool, report=lambda name, done: None):
     return ended
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_between_two_jobs_costs_neither():
     pool = WorkerPool(1, notify=pytest.fail)
     results = []
@@ -88,6 +90,7 @@ def test_a_process_that_dies_between_two_jobs_costs_neither():
     assert [square for square, _ in results] == [4, 9]
 
 
+@pytest.mark.slow
 def test_a_job_that_says_nothing_for_long_is_told_again_and_again(monkeypatch, tmp_path):
     monkeypatch.setattr(silence, "TELL_AFTER_S", 0.1)
     lines = []
@@ -102,6 +105,7 @@ def test_a_job_that_says_nothing_for_long_is_told_again_and_again(monkeypatch, t
     assert all(line.startswith("waiting: silent has said nothing for ") for line in lines)
 
 
+@pytest.mark.slow
 def test_jobs_and_results_that_cannot_be_sent_or_read_are_errors_of_their_jobs():
     results = done([Returns("a lambda"), Returns("an error of two arguments"), Unsendable(lambda: None), Square(2)])
     assert "its result cannot be sent: " in results["returns a lambda"][1]
@@ -110,6 +114,7 @@ def test_jobs_and_results_that_cannot_be_sent_or_read_are_errors_of_their_jobs()
     assert results["square 2"][0][0] == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("job", "why"),
     [
@@ -163,6 +168,8 @@ for job, result, error in run_jobs([Square(3), Exits()], workers=2, report=lambd
 """
 
 
+@pytest.mark.slow
+@pytest.mark.daily(3)
 @pytest.mark.parametrize(
     ("files", "words", "standard_input"),
     [
@@ -191,11 +198,13 @@ def test_workers_do_not_run_the_script_again_wherever_it_comes_from(tmp_path, fi
     assert sorted(ran.stdout.splitlines()) == ["exits CodeStopped: its code called exit(0)", "square 3 9", "started"]
 
 
+@pytest.mark.slow
 def test_a_copy_that_a_job_forks_does_not_go_on_with_it(tmp_path):
     assert done([Forks(tmp_path)])["forks"] == ("done", "")
     assert len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_jobs_that_fail_are_named_with_the_cause_and_the_others_go_on():
     raised = [
         BadInput("gain -1", where="a.yaml:3", allowed="0 or more"),
@@ -304,6 +313,7 @@ def test_processes_killed_at_random_lose_no_job(tmp_path):
     assert sum(bool(error) for _, error in results.values()) < len(killed)  # a job fails only by its second death
 
 
+@pytest.mark.slow
 def test_workers_end_when_the_caller_stops_listening(tmp_path):
     note = tmp_path / "pid"
     jobs = run_jobs([Square(1), Sleeps(note)], workers=2, report=lambda name, done: None)

@@ -27,6 +27,7 @@ def validators():
     return {name: jsonschema.Draft202012Validator(schema) for name, schema in schemas.items()}
 
 
+@pytest.mark.slow
 def test_every_recipe_and_card_of_the_project_is_accepted(validators):
     for kind, paths in (("recipe", RECIPES), ("card", CARDS)):
         for path in paths:

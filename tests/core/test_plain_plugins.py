@@ -99,6 +99,7 @@ def test_a_degree_that_is_not_stated_is_found_by_trying(plain, name, options, de
     assert get_measure(f"{plain}:{name}", **options).degree == degree
 
 
+@pytest.mark.slow
 def test_plain_code_runs_and_its_options_are_part_of_its_digest(plain, tmp_path):
     write_sweep(tmp_path / "a.h5", 300.0)
     methods = [f"{plain}:spread:power=2+argmax", f"{plain}:Contrast+{plain}:Middle:frames=51", f"sd+{plain}:last"]
@@ -175,6 +176,7 @@ assert get_measure("brightest")(COUNTS) == 7.0
 '''
 
 
+@pytest.mark.slow
 def test_a_decorated_function_has_a_registered_name_and_remains_a_function(tmp_path):
     """In a script of its own, because the names stay registered until the process ends."""
     (tmp_path / "decorated.py").write_text(DECORATED)

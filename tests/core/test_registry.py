@@ -65,6 +65,7 @@ BREAKS = {
 }
 
 
+@pytest.mark.slow
 def test_a_package_that_breaks_as_it_is_loaded_hides_no_other(tmp_path):
     """The package is installed as pip would install it, and offers three searches."""
     info = tmp_path / "theirs_of_a_test-0.1.dist-info"

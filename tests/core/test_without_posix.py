@@ -71,6 +71,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.slow
 def test_python_reads_writes_locks_and_trains(folder):
     run(folder, PYTHON)
 

@@ -66,6 +66,7 @@ def test_a_frozen_name_with_other_spikes_is_refused_before_anything_is_made(call
     assert not (tmp_path / "d").exists()
 
 
+@pytest.mark.slow
 def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(frozen_small, small_recipe, tmp_path):
     resolved = resolve_recipe(small_recipe)
     resolved = replace(resolved, sequences=resolved.sequences[::2])

@@ -92,6 +92,7 @@ def own_pictures(spec, sensor, colour, folder, *, mono):
 SLOW = [pytest.param(pair, marks=pytest.mark.long) for pair in list(PAIRS)[2:]]
 
 
+@pytest.mark.slow
 @needs_llvm
 @pytest.mark.parametrize("pair", [*list(PAIRS)[:2], *SLOW])
 def test_spikes_are_those_of_an_own_sum_over_the_wavelengths(tmp_path, monkeypatch, pair):

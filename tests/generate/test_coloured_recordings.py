@@ -41,6 +41,7 @@ def write(folder, text):
     return path
 
 
+@pytest.mark.slow
 @needs_llvm
 def test_lamps_of_three_kinds_share_one_stack_and_have_their_own_truth(tmp_path, monkeypatch):
     """The plane at rest and moving, under one wavelength, an LED, and tungsten that changes to LED.

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import yaml
 
 from saf_gen.camera import get_sensor
@@ -17,6 +18,7 @@ def spec_of(scene, **changes):
     return StackSpec.from_scene(find_scene(scene), get_sensor("vidar_400x250"), **asked)
 
 
+@pytest.mark.slow
 def test_measured_scenes_cost_what_the_table_says_and_others_lie_among_them():
     costs = {name: render_seconds(replace(spec_of(name), groups=("lamp",))) for name in scene_costs()}
     assert max(costs.values()) > 1.5 * min(costs.values())

@@ -165,6 +165,7 @@ def test_an_actuator_that_there_is_not_is_refused_in_one_line(tmp_path, test_sce
 # --- from a recipe to the leaderboard ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_recipe_with_a_piezo_is_ranked_by_where_its_lens_was(tmp_path, monkeypatch):
     """At rest and moving: the slices of the moving scene hold the positions where the lens was."""
     write_moving_plane(tmp_path, monkeypatch)

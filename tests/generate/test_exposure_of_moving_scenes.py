@@ -160,6 +160,7 @@ RECORDED = {"sweep": ("c2324d2452ec109f", "ff67845449d4638d"), "hand": ("57f6a6f
 """Digests of the contents of three recordings, still and moving, as before the exposure of other sequences changed."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", RECORDED)
 def test_still_scenes_and_lenses_that_cross_the_focus_keep_spikes_and_fingerprint(motion, tmp_path):
     depths_m, ends = CASES["crossing"]

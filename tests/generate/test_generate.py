@@ -69,6 +69,7 @@ def made(first, test_scenes, tmp_path):
     return replace(first, folder=tmp_path / "made")
 
 
+@pytest.mark.slow
 def test_a_recipe_becomes_streams_with_truth(made):
     assert made.rendered == ["plane · geometry", "plane · lamp", "plane · room"]
     assert made.recorded == ["plane-constant-00", "plane-continuous-00", "plane-lamp_only-00"]
@@ -85,6 +86,7 @@ def test_a_recipe_becomes_streams_with_truth(made):
     assert counts.mean() / 400 == pytest.approx(0.2, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_still_stack_has_a_contact_sheet_that_is_drawn_once(made, small_recipe):
     (sheet,) = (made.folder / "preview").iterdir()
     sheet.unlink()
@@ -117,6 +119,7 @@ def test_every_recording_says_how_much_grain_its_pictures_have(made):
     assert described.startswith(f"{grain.rms_in_focus:.2%} of the mean in focus")
 
 
+@pytest.mark.slow
 def test_grain_that_is_missing_is_measured_and_moves_no_spike(made, work):
     """A run may stop between a stack and its grain: then only the second pictures, for the grain, are rendered."""
     before = digests(made.folder)

@@ -233,6 +233,7 @@ def test_the_charge_is_that_of_the_aperture_of_the_recording(recording):
         assert charge == pytest.approx(2 * seen, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_what_was_not_rendered_or_is_no_recording_of_stacks_is_refused_in_one_line(recording, tmp_path):
     stream, root, _ = recording
     keys = stream.metadata.provenance["stack"].split("\n")

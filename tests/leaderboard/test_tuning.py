@@ -169,6 +169,7 @@ def test_the_best_is_that_of_the_smallest_error_where_success_is_equal(dataset):
     assert (tuned.split, tuned.sequences, tuned.track) == ("train", 1, "recorded")
 
 
+@pytest.mark.slow
 def test_what_is_found_is_written_read_and_cited(dataset, tmp_path):
     tuned, _ = tune(dataset, "sd+argmax", values={"search.window": ["100", "200"]})
     path = tmp_path / "tuned.json"

@@ -168,6 +168,7 @@ def contrast_over_focus(power, steps_um):
     return np.array([picture.std() / picture.mean() for picture in pictures])
 
 
+@pytest.mark.slow
 def test_a_phase_section_is_invisible_in_focus_and_shows_most_two_half_depths_beside_it():
     """NA 0.374, condenser 0.6: PHYSICS of weak phase objects says 4 µm on either side."""
     steps = np.array([-5, -4, -3, -1, 0, 1, 3, 4, 5])

@@ -22,6 +22,7 @@ def structure_by_pixel(c, apart):
     return sum(down) / len(down) + sum(across) / len(across)
 
 
+@pytest.mark.slow
 def test_the_quotient_equals_its_slow_twin():
     counts = make_generator("test_agreed_peak").integers(0, 30, (21, 34)).cumsum(axis=1)
     s = [structure_by_pixel(counts, apart) for apart in (1, 2, 4, 8, 16)]
@@ -55,6 +56,7 @@ def test_the_split_gradient_equals_its_slow_twin_and_drops_noise():
     assert abs(split(noise)) < 0.1 * get_measure("squared_gradient")(noise[0]) / 900
 
 
+@pytest.mark.slow
 def test_the_split_gradient_falls_with_blur_where_the_quotient_is_blind():
     """A stripe of period 4 px has D₁ = A, D₂ = −2A: the quotient is the same, sharp or blurred."""
     stripe = np.sin(np.pi / 2 * (np.arange(64) + 0.5))

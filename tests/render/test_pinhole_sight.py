@@ -146,6 +146,7 @@ PANES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.daily(4)
 @pytest.mark.parametrize("glass", PANES.values(), ids=PANES.keys())
 @pytest.mark.parametrize("unit_m", [1.0, 0.001], ids=["m", "mm"])

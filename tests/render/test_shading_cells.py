@@ -105,6 +105,7 @@ def test_surfaces_in_the_same_pixels_do_not_mix(kinds):
         assert reflect(field, hits) == pytest.approx(e, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_portions_and_threads_change_no_bit(monkeypatch):
     """Of the paths of a stack, and of what its moments tell about the latest."""
     random = np.random.default_rng(5)

@@ -201,6 +201,7 @@ def test_each_of_many_lights_with_long_names_has_its_own_colour(tmp_path, form):
         assert min(np.abs(a - b).sum() for a, b in combinations(drawn, 2)) > 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "ending"), [(3.5, "_over_the_bench"), (4.4, "")])
 def test_the_names_of_lights_are_in_the_picture_above_a_plot_of_useful_size(tmp_path, width, ending):
     with lit(tmp_path / "it.h5", [f"daylight_{n}{ending}" for n in range(8)]) as stream, use_plot_style():

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 import yaml
 
 import saf_gen
@@ -25,6 +26,7 @@ def test_the_sample_is_small_intact_and_made_by_its_recipe(call):
             assert 0.4 < stream.truth.position < 0.7
 
 
+@pytest.mark.slow
 def test_the_sample_is_evaluated_by_its_name_and_written_to_the_current_folder(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = sorted(saf_gen.sample().rglob("*"))

@@ -59,6 +59,7 @@ def fetch(folder, out, **options):
         return fetch_dataset(address, out, **options)
 
 
+@pytest.mark.slow
 def test_what_is_fetched_is_the_dataset_without_its_stacks(dataset, tmp_path):
     seen = []
     folder, manifest = fetch(dataset, tmp_path / "again", report=lambda *step: seen.append(step))

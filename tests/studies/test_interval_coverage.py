@@ -53,6 +53,7 @@ def test_the_interval_of_a_difference_holds_and_is_too_wide_where_both_are_nearl
         assert simulate("differences", world=world, rates=(0.99, 0.97))[0].held >= LOWEST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("world", ["shared difficulty", "rare failures"])
 def test_intervals_of_ranks_hold_where_all_methods_are_alike_and_resampled_ranks_do_not(world):
     """Ranks of one leaderboard depend on each other; over 12 of them a coverage of 0.95 is rarely found below 0.8."""

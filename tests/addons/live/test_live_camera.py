@@ -48,6 +48,7 @@ def test_its_counts_are_those_of_the_closed_loop_and_a_moving_scene_begins_again
     assert focus == (capture.truth.position if scene == "still" else capture.truth.track[0])
 
 
+@pytest.mark.slow
 def test_a_lens_takes_time_and_focus_changes_the_score(still):
     camera = LiveCamera(still, start=1.0)
     camera.focus = camera.true_focus
@@ -164,6 +165,7 @@ def test_what_is_not_allowed_is_told_in_one_line(still, call, problem):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_photons_are_scored_by_no_measure_that_corrects_for_spikes(photons):
     camera, problem = LiveCamera(photons), "corrects for the noise of spikes, and this camera counts single photons"
     assert camera.score("sd", frames=400) > 0
