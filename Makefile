@@ -14,9 +14,9 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help install demo test test-fast test-long lint compiled-tests checked validate bench gpu-report docs clean
 help:
 	@echo "make demo       go from recipe to leaderboard: render, encode, evaluate (a minute, after a minute of set-up)"
-	@echo "make test       run linters, type checks and all tests but the long ones (five to seven minutes on two cores)"
+	@echo "make test       run linters, type checks and all tests but the long ones (ten minutes on two cores)"
 	@echo "make test-fast  run linters, type checks and the short tests (two to three minutes)"
-	@echo "make test-long  run the long tests: a tenth of the paper's grid at full size, planted faults, checks (half an hour)"
+	@echo "make test-long  run the long tests, as every night: a tenth of the paper's grid at full size, all planted faults, all cases"
 	@echo "make validate   check every law at full size, and write studies/results/validation.md (a quarter of an hour; the same command resumes)"
 	@echo "make bench      measure speed, file size and memory against their targets (about twenty minutes)"
 	@echo "make gpu-report  test and time the renderer on an NVIDIA card, and write gpu-report.md to paste into an issue"
