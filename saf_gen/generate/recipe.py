@@ -179,11 +179,10 @@ class SceneSamples(FrozenModel):
 class RenderSettings(FrozenModel):
     """Monte Carlo samples per pixel and focus position, the longest light path in segments, and time slices.
 
-    A moving scene is rendered in time slices, ``slices_per_s`` per second (by default as its card states) while what
-    moves is in focus, with ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the
-    positions that the recorded lens passes at about its time. The closed loop needs all positions: ``whole_slices:
-    true`` renders them for the whole recording; a number of seconds renders the slices up to this time again, at all
-    positions. ``diffraction``
+    A moving scene is rendered in time slices, ``slices_per_s`` per second (by default as its card states), with
+    ``slice_samples`` per pixel (by default a quarter of ``samples``). A slice holds the positions that the recorded
+    lens passes at about its time. The closed loop needs all positions: ``whole_slices: true`` renders them for the
+    whole recording; a number of seconds renders the slices up to this time again, at all positions. ``diffraction``
     determines whether waves bend the light at the aperture; by default they do if the backend can render them.
     ``estimator: plain`` uses each light path as it was traced, without bias and with more grain.
     """
@@ -197,7 +196,7 @@ class RenderSettings(FrozenModel):
     slice_samples: int | None = Field(default=None, ge=1, le=65_536)
     """``samples`` for each time slice of a moving scene; by default a quarter of ``samples``."""
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
-    """Time slices per second of a moving scene while what moves is in focus; by default as its card states."""
+    """Time slices per second of a moving scene; by default as its card states."""
     whole_slices: bool | float = False
     """Time slices at all positions, which the closed loop needs. A number of seconds adds them to the others from the
     beginning until this time; true replaces the others by them for the whole recording."""

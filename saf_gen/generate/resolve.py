@@ -29,8 +29,7 @@ from saf_gen.stack.all_in_focus import sharp_stack
 from saf_gen.stack.focal_stack import PICTURES, StackSpec
 from saf_gen.stack.picture_stack import PictureStack, read_picture_stack
 from saf_gen.stack.recapture import Recapture
-from saf_gen.stack.slice_spacing import even_starts, layered_reach, slice_step, spaced_starts, spacing_factor
-from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_windows
+from saf_gen.stack.time_resolved import TimeResolvedStack, slice_moments, slice_starts, slice_windows
 
 
 def recipe_fingerprint(recipe: Recipe) -> str:
@@ -356,42 +355,27 @@ def _resolve_stacks(
         spec = replace(spec, margin=find_margin(spec, recipe, scene=scene, sensor=sensor))
     if sequence.scene_motion == "static":
         return TimeResolvedStack((0,), (spec,)), None
-    stated = card.slices_per_s or 0.0
-    step, coarse = slice_step(hz, render.slices_per_s or stated), (render.slices_per_s or stated) < stated
+    slices_per_s = render.slices_per_s or card.slices_per_s or 0.0
     position = sequence.lens_course(frames, readout_hz=hz)[0]
-
-    def slices_at(starts: tuple[int, ...]) -> TimeResolvedStack:
-        before, after = spec.margin
-        windows = slice_windows(position, starts, positions=spec.positions)
-        times = [start / hz for start in starts]
-        moments = slice_moments(times) if render.estimator == "filtered" else [()] * len(times)
-        slices = (
-            replace(
-                spec,
-                samples=render.samples_per_slice,
-                time_s=time_s,
-                window=(first - before, last + after),
-                moments_s=shading_moments,
-            )
-            for time_s, (first, last), shading_moments in zip(times, windows, moments, strict=True)
-        )
-        return TimeResolvedStack(starts, tuple(slices))
-
-    even = even_starts(frames, step=step)
+    starts = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    before, after = spec.margin
+    windows = [
+        (first - before, last + after) for first, last in slice_windows(position, starts, positions=spec.positions)
+    ]
+    times = [start / hz for start in starts]
+    filtered = render.estimator == "filtered"
+    moments = slice_moments(times) if filtered else [()] * len(times)
+    slices = (
+        replace(spec, samples=render.samples_per_slice, time_s=time_s, window=window, moments_s=shading_moments)
+        for time_s, window, shading_moments in zip(times, windows, moments, strict=True)
+    )
+    stack = TimeResolvedStack(starts, tuple(slices))
     full_travel_frames = render.all_positions_s * hz
-    if full_travel_frames >= frames:  # for a closed loop, of which nobody knows the lens
-        return slices_at(even).with_full_travel(), None
-    starts = even
-    if card.moving_depth is not None and not coarse:
-        factor = spacing_factor(
-            spec, position, depths=card.moving_depth.range_of(scene.params), wavelength_m=sensor.wavelength_m
-        )
-        knots = position * (spec.positions - 1)
-        starts = spaced_starts(step=step, factor=factor, knots=knots, reach=layered_reach(spec))
+    if full_travel_frames >= frames:
+        return stack.with_full_travel(), None
     # The recording does not use the slices at all positions, because paths that are spread over all positions leave
     # more noise, and focus measures would see an edge where the noise changes.
-    loop = slices_at(even).truncated_to(full_travel_frames).with_full_travel() if full_travel_frames else None
-    return slices_at(starts), loop
+    return stack, stack.truncated_to(full_travel_frames).with_full_travel() if full_travel_frames else None
 
 
 def _read_sensor(recipe: Recipe, folder: Path) -> Sensor:

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from saf_gen.core import seeds
 from saf_gen.core.config.document import Document, FrozenModel, validate_document
-from saf_gen.core.config.ranges import check_parameter, draw_range, is_number, range_extremes
+from saf_gen.core.config.ranges import check_parameter, draw_range, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
 from saf_gen.errors import BadInput, unknown
@@ -35,8 +35,7 @@ KIT = "_kit"
 LENS_PARAMETER = "lens"
 """Parameter that names the lens of a member, if the card has ``lenses``."""
 KEYS_WITHOUT_PIXEL_EFFECT = frozenset(
-    "title licence source kit illuminance_lux roles params "  # noqa: SIM905
-    "slices_per_s interpolation_error moving_depth still_s".split()
+    "title licence source kit illuminance_lux roles params slices_per_s interpolation_error still_s".split()  # noqa: SIM905
 )
 """Keys of a card that the digest leaves out, because they change no pixel, because a stack records them separately
 (``params`` and the time), or because their files are digested instead (``kit``)."""
@@ -68,29 +67,6 @@ class CameraPose(FrozenModel):
         if math.hypot(*cross) < 1e-9:
             raise ValueError("look_at_m away from origin_m, and up not along that axis")
         return self
-
-
-class DepthRange(FrozenModel):
-    """A range of depths, which may move with a parameter of the family."""
-
-    range_m: tuple[float, float]
-    """Nearest and farthest depth from the lens as the card places it, m, if the parameter is 0."""
-    param: str | None = None
-    """Parameter that moves the range."""
-    per_unit_m: float = 1.0
-    """By how much the range is farther for each unit of the parameter, m."""
-
-    @field_validator("range_m")
-    @classmethod
-    def _check_order(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if not value[0] < value[1]:
-            raise ValueError("the nearest depth, then the farthest")
-        return value
-
-    def range_of(self, params: Mapping[str, Any]) -> tuple[float, float]:
-        """Return the nearest and the farthest depth (m) of a member with these parameters."""
-        moved = 0.0 if self.param is None else self.per_unit_m * params[self.param]
-        return self.range_m[0] + moved, self.range_m[1] + moved
 
 
 class SceneCard(FrozenModel):
@@ -138,14 +114,10 @@ class SceneCard(FrozenModel):
     motion: dict[str, RigidMotion] = Field(default_factory=dict)
     """Motion of each moving shape, in addition to the pose that the geometry gives it."""
     slices_per_s: float | None = Field(default=None, gt=0, le=20_000)
-    """Rendered time slices per second, between which a recording interpolates, while what moves is in focus; required
-    if the scene moves."""
+    """Rendered time slices per second, between which a recording interpolates; required if the scene moves."""
     interpolation_error: float | None = Field(default=None, gt=0, lt=1)
     """Largest error of interpolation between slices over all members: rms difference from a render half-way between two
     slices, divided by the mean brightness, in the box around the target. ``saf-gen scenes check`` measures it."""
-    moving_depth: DepthRange | None = None
-    """Depths between which everything moves that is more than a third as fast in the picture as the fastest shape of
-    the family. While all of them are out of focus, time slices are up to three times as far apart; by default never."""
     still_s: float = 0.5
     """Time at which a moving scene is rendered if it has to be at rest, s."""
 
@@ -352,10 +324,6 @@ def _read(folder: Path) -> Scene | PictureScene:
         check_section(card.section, document, lights=card.lights, target=card.target, has_script=has_script)
     for key, value in card.params.items():
         check_parameter(value, what=f"params.{key}", where=document.locate("params", key))
-    param = card.moving_depth.param if card.moving_depth else None
-    if param is not None and not all(map(is_number, range_extremes(card.params.get(param)))):
-        where = document.locate("moving_depth", "param")
-        raise BadInput(f"moving_depth.param is {param!r}", where=where, allowed="a parameter that is a number")
     if card.kit:
         _check_kit(card, document, folder=folder, has_script=geometry == [SCRIPT_FILE])
     scene = Scene(folder, card, _digest(folder, card), {}).draw_member("scene", card.id)

@@ -43,7 +43,7 @@ def check_section(
 ) -> None:
     """Raise BadInput if other keys of a card, or the scene's files, do not fit a thin section."""
     listed = sorted(name for names in lights.values() for name in names)
-    moves = [key for key in ("motion", "slices_per_s", "interpolation_error", "moving_depth") if document.data.get(key)]
+    moves = [key for key in ("motion", "slices_per_s", "interpolation_error") if document.data.get(key)]
     for key, fits, problem, allowed in (
         ("section", has_script, "a thin section has scene.xml", "scene.py with build(params)"),
         ("lights", listed == sorted(section.condensers), f"lights are {listed}", ", ".join(section.condensers)),

@@ -7,7 +7,6 @@ the recorded picture where that is in focus, at every frame and every position o
 """
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +18,7 @@ from saf_gen.errors import BadInput
 from saf_gen.optics import FittedLensDrive
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import PICTURES, WAVES, StackSpec
-from saf_gen.stack.slice_spacing import even_starts
-from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_moments, slice_windows
+from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_windows
 from saf_gen.stream.stream_file import SpikeStream
 
 F_NUMBER = 512.0
@@ -29,8 +27,6 @@ F_NUMBER = 512.0
 
 def sharp_stack(time_stack: TimeResolvedStack, position: np.ndarray) -> TimeResolvedStack:
     """Return the stacks of a recording through the aperture of a point, at the positions that the lens passes.
-
-    Nothing blurs what moves, so slices are everywhere as dense as where those of the recording are densest.
 
     Parameters
     ----------
@@ -44,19 +40,11 @@ def sharp_stack(time_stack: TimeResolvedStack, position: np.ndarray) -> TimeReso
     BadInput
         If the scene is a thin section or was photographed, or if its lens has aberrations or a ring.
     """
-    still, frames = time_stack.specs[0], time_stack.slice_frames
-    if not time_stack.is_moving:
-        return replace(time_stack, specs=(_of_point(still, None),))
-    step = min(b - a for a, b in pairwise(frames[:-1])) if len(frames) > 2 else frames[1]  # the last may be shorter
-    starts, hz = even_starts(frames[-1], step=step), frames[-1] / time_stack.specs[-1].time_s
-    times = [start / hz for start in starts]
-    moments = slice_moments(times) if still.moments_s else [()] * len(times)
-    windows = slice_windows(position, starts, positions=still.positions)
-    specs = (
-        replace(_of_point(still, window), time_s=time_s, moments_s=shading_moments)
-        for window, time_s, shading_moments in zip(windows, times, moments, strict=True)
-    )
-    return TimeResolvedStack(starts, tuple(specs))
+    windows: list[tuple[int, int] | None] = [None]
+    if time_stack.is_moving:
+        windows = [*slice_windows(position, time_stack.slice_frames, positions=time_stack.specs[0].positions)]
+    specs = [_of_point(spec, window) for spec, window in zip(time_stack.specs, windows, strict=True)]
+    return replace(time_stack, specs=tuple(specs))
 
 
 def _of_point(spec: StackSpec, window: tuple[int, int] | None) -> StackSpec:

@@ -18,11 +18,11 @@ from saf_gen.camera.camera import Span
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.grain import StackGrain, read_grain
 from saf_gen.stack.second_render import stacks_to_repeat
-from saf_gen.stack.slice_spacing import FRAMES_PER_BYTE
 from saf_gen.stream.metadata import Truth
 from saf_gen.stream.recorded_grain import GrainMoment, RecordedGrain
 
 SHADING_MOMENTS = 9  # number of moments whose light paths give the shading of a time slice, including its own
+FRAMES_PER_BYTE = 8  # a camera writes whole bytes, so the stacks that it is given can change only between two bytes
 
 
 @dataclass(frozen=True)
@@ -181,6 +181,15 @@ class PlaneSource:
             stack.digest,
             stack.backend,
         )
+
+
+def slice_starts(frames: int, *, readout_hz: float, slices_per_s: float) -> tuple[int, ...]:
+    """Return the frames at which a moving scene is rendered, from 0 to the first one at or after the end.
+
+    They are multiples of 8 frames, and give ``slices_per_s`` slices per second or a few more.
+    """
+    step = max(FRAMES_PER_BYTE, int(readout_hz / slices_per_s) // FRAMES_PER_BYTE * FRAMES_PER_BYTE)
+    return tuple(range(0, frames + step, step))
 
 
 def slice_moments(times_s: Sequence[float]) -> list[tuple[float, ...]]:

@@ -15,7 +15,7 @@ from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.focal_stack import FocalStack, StackSpec, StackStore
 from saf_gen.stack.noise_free import noise_free_sharpness
-from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_windows
+from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack, slice_starts, slice_windows
 from saf_gen.stack.true_focus import find_true_focus
 
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
@@ -56,6 +56,18 @@ def seen(made, frame, position):
         fraction = (position - focus[k]) / (focus[k + 1] - focus[k])
         pictures.append((1 - fraction) * stack.radiance[:, k] + fraction * stack.radiance[:, k + 1])
     return (1 - w) * pictures[0] + w * pictures[1]
+
+
+@pytest.mark.parametrize(
+    ("frames", "hz", "slices_per_s", "step"),
+    [(20_000, 20_000, 100, 200), (20_000, 20_000, 64, 312), (400, 20_000, 1, 20_000), (100, 20_000, 1e4, 8)],
+)
+def test_moments_are_whole_bytes_apart_and_reach_the_end(frames, hz, slices_per_s, step):
+    at = slice_starts(frames, readout_hz=hz, slices_per_s=slices_per_s)
+    assert set(np.diff(at)) == {step}
+    assert at[0] == 0
+    assert at[-2] < frames <= at[-1]
+    assert step % 8 == 0
 
 
 def test_windows_hold_every_position_that_the_lens_passes_between_neighbouring_moments():

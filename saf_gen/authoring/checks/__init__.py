@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from saf_gen.authoring.checks.geometry import (
     check_family,
     check_motion,
-    check_moving_depth,
     check_reach,
     check_units,
     implausible_unit,
@@ -32,7 +31,6 @@ __all__ = [
     "check_family",
     "check_grain",
     "check_motion",
-    "check_moving_depth",
     "check_reach",
     "check_repeat",
     "check_scene",
@@ -48,7 +46,6 @@ CHECKS_OF_BUILT_SCENES: tuple[Callable[[SceneUnderTest], Iterator[Finding]], ...
     check_detail,
     check_curve,
     check_motion,
-    check_moving_depth,
     check_slices,
     check_grain,
     check_family,

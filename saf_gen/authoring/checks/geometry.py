@@ -5,18 +5,16 @@ Comparison of sizes with distances reveals geometry that is in millimetres or in
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from saf_gen.authoring.checks.subject import SceneUnderTest
+from saf_gen.core.config.ranges import is_range
 from saf_gen.core.finding import Finding
 from saf_gen.errors import BadInput
 from saf_gen.render.exported_camera import fitting_scale
-from saf_gen.scene.keyframes import RigidMotion, motion_end_s
-from saf_gen.stack.slice_spacing import MAX_FACTOR
+from saf_gen.scene.keyframes import motion_end_s
 
 UNITS = {
     "millimetres": 1e-3,
@@ -108,6 +106,7 @@ MARGIN = 0.1  # of the travel, at either end
 MIN_BLUR = 4.0  # pixels; with less blur at both ends of the travel, a search has nothing to find
 MAX_RESIDUAL_BLUR = 1.0  # pixels
 MAX_APART = 0.3  # half depths of focus between the largest contrast and the least blur
+MEMBERS = 3
 
 
 def out_of_reach(subject: SceneUnderTest, problem: BadInput) -> Finding:
@@ -158,9 +157,12 @@ def check_reach(subject: SceneUnderTest) -> Iterator[Finding]:
 def check_family(subject: SceneUnderTest) -> Iterator[Finding]:
     """Check that a few random members of the family can be built, with a target that the lens can focus."""
     scene = subject.scene
+    if not any(is_range(value) for value in scene.card.params.values()):
+        return
     found = []
-    for member in subject.members:
-        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if v != scene.card.params[k])
+    for n in range(MEMBERS):
+        member = SceneUnderTest(scene.draw_member("check", n), subject.sensor, backend=subject.backend)
+        drawn = ", ".join(f"{k} {v}" for k, v in member.scene.params.items() if is_range(scene.card.params[k]))
         try:
             found.append(member.true_focus)
         except BadInput as problem:
@@ -178,7 +180,7 @@ def check_family(subject: SceneUnderTest) -> Iterator[Finding]:
 
 MOMENTS = 9
 RECORDING_S = 1.0  # 20,000 frames
-MAX_STEP, PROPOSED_STEP = 1.5, 1.0  # pixels from one time slice to the next; the first as in stack/slice_spacing.py
+MAX_STEP, PROPOSED_STEP = 2.0, 1.0  # pixels from one time slice to the next
 
 
 def check_motion(subject: SceneUnderTest) -> Iterator[Finding]:
@@ -212,19 +214,19 @@ def check_motion(subject: SceneUnderTest) -> Iterator[Finding]:
         yield Finding("motion", "warning", f"{text}: it leaves the lens's reach, shorten its path in depth")
     else:
         yield Finding("motion", "ok", text)
-    yield _check_speed(subject, max(_find_movers(subject, times), key=lambda one: one.pixels_per_s, default=None))
+    name, pixels_per_s = _find_fastest_shape(subject, times)
+    yield _check_speed(subject, name, pixels_per_s=pixels_per_s)
 
 
-def _check_speed(subject: SceneUnderTest, fastest: "_Mover | None") -> Finding:
+def _check_speed(subject: SceneUnderTest, name: str, *, pixels_per_s: float) -> Finding:
     slices = subject.scene.card.slices_per_s
-    if fastest is None:
+    if not name:
         moving = ", ".join(repr(name) for name in subject.renderer.motions)
-        text = f"no shape moves in the frame, only {moving}"
+        text = f"no shape moves, only {moving}"
         if slices is None:
             how = "write slices_per_s on the card, and the check measures the error of interpolation"
             return Finding("motion", "warning", f"{text}, but recordings show it at rest: {how}")
         return Finding("motion", "ok", f"{text}; slices_per_s: {slices:g}")
-    name, pixels_per_s = fastest.name, fastest.pixels_per_s
     write = f"with slices_per_s: {max(1, round(pixels_per_s / PROPOSED_STEP))} it moves a pixel per slice"
     text = f"{name!r} moves at up to {pixels_per_s:,.0f} pixels per second"
     if slices is None:
@@ -245,96 +247,35 @@ def _times(subject: SceneUnderTest) -> list[float]:
     return sorted({*np.linspace(0, last, MOMENTS).tolist(), *sorted(k for k in keys if 0 <= k <= last)[:MOMENTS]})
 
 
-@dataclass(frozen=True)
-class _Mover:
-    """How fast a shape moves in the image at most (pixels per second), and its depth (m) while it is in the frame."""
+def _find_fastest_shape(subject: SceneUnderTest, times: list[float]) -> tuple[str, float]:
+    """Return the shape that moves fastest in the image, and its speed in pixels per second; ('', 0) if none moves.
 
-    name: str
-    pixels_per_s: float
-    depth_m: tuple[float, float]
-
-
-def _find_movers(subject: SceneUnderTest, times: list[float]) -> list[_Mover]:
-    """Return the moving shapes that are in the frame at one of the times, seen through the middle of the lens.
-
-    The speed is that of the middles of the faces of the shape's bounding box over a millisecond, at the true focus.
-    Lamps without geometry do not count.
+    The speed is measured at the corners of the shape's bounding box over a millisecond at each of the times, seen
+    through the middle of the lens at the true focus. Lamps without geometry do not count.
     """
-    card, drive, sensor = subject.scene.card, subject.drive, subject.sensor
+    card, drive = subject.scene.card, subject.drive
     origin = np.array(card.camera.origin_m)
     ahead = np.array(card.camera.look_at_m) - origin
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, card.camera.up)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(right, ahead), ahead])
-    shift = float(drive.shift(subject.true_focus))
-    scale = float(drive.image_distance(subject.true_focus)) / sensor.pitch_m
-    half_frame = np.array([[sensor.columns / 2], [sensor.rows / 2]])
+    lens = origin + float(drive.shift(subject.true_focus)) * ahead
+    scale = float(drive.image_distance(subject.true_focus)) / subject.sensor.pitch_m
     step_s = 1e-3
-
-    def seen(motion: RigidMotion, points: np.ndarray, time_s: float) -> tuple[np.ndarray, np.ndarray]:
-        pose = motion.pose_at(time_s)
-        x, y, depth = axes @ (points @ pose[:3, :3].T + pose[:3, 3] - origin).T
-        return scale * np.stack([x, y]) / np.where(depth > shift, depth - shift, np.nan), depth
-
-    movers = []
+    best = ("", 0.0)
     for name, motion in subject.renderer.motions.items():
         box = subject.renderer.rest_bounds(name)
         if not box.size:
             continue
         corners = np.array(list(product(*box.T)))
-        faces = np.tile(box.mean(axis=0), (6, 1))
-        faces[np.arange(6), np.arange(6) // 2] = box.T.ravel()
-        speeds, depths = [], []
         for time_s in times:
-            pixels, depth = seen(motion, corners, time_s)
-            if (
-                np.isnan(pixels).all()
-                or (
-                    (np.nanmin(pixels, axis=1) > half_frame[:, 0]) | (np.nanmax(pixels, axis=1) < -half_frame[:, 0])
-                ).any()
-            ):
-                continue
-            moved = seen(motion, faces, time_s + step_s)[0] - seen(motion, faces, time_s)[0]
-            speeds.append(np.nan_to_num(np.hypot(*moved)).max() / step_s)
-            depths += [depth.min(), depth.max()]
-        if speeds:
-            movers.append(_Mover(name, float(max(speeds)), (float(min(depths)), float(max(depths)))))
-    return movers
-
-
-def check_moving_depth(subject: SceneUnderTest) -> Iterator[Finding]:
-    """Check the card's ``moving_depth`` against what moves fast in a few members of the family."""
-    stated = subject.scene.card.moving_depth
-    if stated is None or not subject.renderer.motions:
-        return
-    members = []
-    for member in (subject, *subject.members):
-        with suppress(BadInput):  # check_family reports it
-            members.append((member, _find_movers(member, _times(member))))
-    fast = max((mover.pixels_per_s for _, movers in members for mover in movers), default=0.0) / MAX_FACTOR
-    depths = np.array(
-        [
-            np.array(mover.depth_m) - stated.range_of(member.scene.params) + stated.range_m
-            for member, movers in members
-            for mover in movers
-            if mover.pixels_per_s > fast
-        ]
-    )
-    if not depths.size:
-        return
-    low, high = float(depths[:, 0].min()), float(depths[:, 1].max())
-    text = f"what moves fast is {low:.4g} to {high:.4g} m away"
-    if stated.param is not None:
-        text += f", without what {stated.param} adds"
-    near, far = stated.range_m
-    if near <= low and high <= far:
-        yield Finding("motion", "ok", f"{text}, within moving_depth")
-    else:
-        wider = f"[{min(low, near):.5g}, {max(high, far):.5g}]"
-        yield Finding(
-            "motion",
-            "warning",
-            f"{text}, but time slices are as dense as it needs only from {near:g} to {far:g} m: write "
-            f"moving_depth.range_m: {wider}",
-        )
+            pixels = []
+            for t in (time_s, time_s + step_s):
+                pose = motion.pose_at(t)
+                x, y, depth = axes @ (corners @ pose[:3, :3].T + pose[:3, 3] - lens).T
+                pixels.append(scale * np.stack([x, y]) / np.where(depth > 0, depth, np.nan))
+            moved = np.hypot(*(pixels[1] - pixels[0])) / step_s
+            if np.isfinite(moved).any() and np.nanmax(moved) > best[1]:
+                best = (name, float(np.nanmax(moved)))
+    return best

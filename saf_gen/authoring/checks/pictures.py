@@ -30,7 +30,7 @@ from saf_gen.scene.keyframes import motion_end_s
 from saf_gen.scene.scene_folder import EDGE_POWER
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.noise_free import COUNTS, score_picture
-from saf_gen.stack.slice_spacing import slice_step
+from saf_gen.stack.time_resolved import slice_starts
 
 LUMENS_PER_WATT = 683.0
 """Luminous efficacy of light of 555 nm, by the definition of the candela. All light is assumed to have the wavelength
@@ -374,7 +374,8 @@ def check_slices(subject: SceneUnderTest) -> Iterator[Finding]:
 def _measure_mismatch(subject: SceneUnderTest, time_s: float) -> SliceMismatch | None:
     """Return the error between the two slices around a moment; None if the target is not in the frame or in reach."""
     hz, renderer = subject.sensor.readout_hz, subject.renderer
-    step = slice_step(hz, subject.scene.card.slices_per_s or hz)  # frames, as in a recipe
+    slices_per_s = subject.scene.card.slices_per_s or hz
+    step = slice_starts(1, readout_hz=hz, slices_per_s=slices_per_s)[1]  # frames, as in a recipe
     last = max(int(motion_end_s(renderer.motions, recording_s=RECORDING_S) * hz) // step, 1)
     before = min(int(time_s * hz) // step, last - 1) * step / hz
     between, after = before + step / 2 / hz, before + step / hz

@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 
 from saf_gen.camera import Sensor, charge_of_images
-from saf_gen.core.config.ranges import is_range
 from saf_gen.optics import Drive, FocusCriterion
 from saf_gen.render import make_renderer
 from saf_gen.render.depth_and_target import DepthAndTarget
@@ -18,7 +17,6 @@ POSITIONS, SAMPLES = 65, 16  # over the whole travel
 SLOW_POSITIONS, SLOW_SAMPLES = 17, 8
 NEAR = 8  # positions on either side of the true focus, a quarter of the depth of focus apart
 NEAR_SAMPLES = 16
-MEMBERS = 3
 
 
 @dataclass
@@ -37,14 +35,6 @@ class SceneUnderTest:
     def renderer(self) -> SceneRenderer:
         """Renderer of the scene."""
         return make_renderer(self.scene, self.sensor, backend_name=self.backend, wavelength_m=self.sensor.wavelength_m)
-
-    @cached_property
-    def members(self) -> "tuple[SceneUnderTest, ...]":
-        """A few random members of the family; none if nothing is drawn."""
-        if not any(is_range(value) for value in self.scene.card.params.values()):
-            return ()
-        drawn = (self.scene.draw_member("check", n) for n in range(MEMBERS))
-        return tuple(SceneUnderTest(scene, self.sensor, backend=self.backend) for scene in drawn)
 
     @property
     def drive(self) -> Drive:
