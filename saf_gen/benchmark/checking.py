@@ -35,17 +35,19 @@ BRIEF_S = 10.0
 """Time that an evaluation spends on the checks of a measure or search."""
 
 
-def check_by_name(name: str, hear: Callable[[str], object] = lambda said: None) -> Iterator[Finding]:
+def check_by_name(name: str, on_output: Callable[[str], object] = lambda text: None) -> Iterator[Finding]:
     """Run the checks of a method, or of a single measure or search, and yield their results, wherever it runs.
 
     The name is as for :func:`saf_gen.benchmark.conformance.check_by_name`. Code of others is checked in a process of
-    its own, whose end is an error of the check during which it ended; ``hear`` is called with what it prints.
+    its own, whose end is an error of the check during which it ended; ``on_output`` is called with what it prints.
 
     Raises BadInput, when it is called, if there is nothing of this name.
     """
     halves = list(_halves_of(name).values())
     return (
-        _findings(halves, limits=CHECK_LIMITS, hear=hear) if _are_foreign(halves) else conformance.check_by_name(name)
+        _findings(halves, limits=CHECK_LIMITS, on_output=on_output)
+        if _are_foreign(halves)
+        else conformance.check_by_name(name)
     )
 
 
@@ -127,7 +129,7 @@ def _are_foreign(halves: Sequence[Half]) -> bool:
 
 
 def _start_checks(
-    halves: Sequence[Half], kind: str = "", *, limits: Limits, hear: Callable[[str], object] = lambda said: None
+    halves: Sequence[Half], kind: str = "", *, limits: Limits, on_output: Callable[[str], object] = lambda text: None
 ) -> tuple[GuestProcess, dict[str, Any], dict[str, str]]:
     """Return a process that checks these plug-ins, how it describes them, and their paths as the user spells them."""
     for half in halves:
@@ -135,7 +137,7 @@ def _start_checks(
             check_code_allowed(code)
     loaded, shown, folders = make_absolute_halves(halves)
     order = {"halves": loaded, "kind": kind}
-    process = GuestProcess(order, folders, files=files_of(shown), limits=limits, program=PROGRAM, hear=hear)
+    process = GuestProcess(order, folders, files=files_of(shown), limits=limits, program=PROGRAM, on_output=on_output)
     try:
         return process, process.load(), shown
     except BaseException:
@@ -144,11 +146,11 @@ def _start_checks(
 
 
 def _findings(
-    halves: Sequence[Half], kind: str = "", *, limits: Limits, hear: Callable[[str], object] = lambda said: None
+    halves: Sequence[Half], kind: str = "", *, limits: Limits, on_output: Callable[[str], object] = lambda text: None
 ) -> Generator[Finding]:
     """Yield the results of the checks of plug-ins, which run in a process of their own; BadInput comes at once."""
     try:
-        process, _, shown = _start_checks(halves, kind, limits=limits, hear=hear)
+        process, _, shown = _start_checks(halves, kind, limits=limits, on_output=on_output)
     except GuestLost as lost:
         found = _end_of_process(f"while it was loaded, {lost}")
         return (one for one in [found])

@@ -90,7 +90,7 @@ def check_method_command(
     from saf_gen.benchmark.checking import check_by_name as run
 
     results = []
-    checks = run(name, hear=lambda said: err.out(said, end=""))
+    checks = run(name, on_output=lambda text: err.out(text, end=""))
     with err.status(Text(f"check {name}")) as status, redirect_stdout(sys.stderr):  # a plug-in may print
         for result in checks:
             results.append(result)

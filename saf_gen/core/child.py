@@ -70,7 +70,7 @@ class Child:
         Size of the largest file that it may write; 0 is no limit.
     reach : Reach, optional
         What it may use of the file system, where the system has Landlock; by default everything.
-    hear : callable, optional
+    on_output : callable, optional
         Called with what it prints, bytes; by default that is printed where this process prints its errors.
 
     Raises
@@ -89,7 +89,7 @@ class Child:
         memory: "SharedMemory | None" = None,
         file_bytes: int = 0,
         reach: Reach | None = None,
-        hear: Callable[[bytes], object] | None = None,
+        on_output: Callable[[bytes], object] | None = None,
     ) -> None:
         self._max_bytes, self._folder, self._held, self._ended = max_bytes, folder, bytearray(), False
         module, _, name = program.partition(":")
@@ -110,7 +110,7 @@ class Child:
                 command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=None if hear is None else subprocess.PIPE,
+                stderr=None if on_output is None else subprocess.PIPE,
                 cwd=None if folder is None else folder / "work",
                 env=environment,
                 pass_fds=inherited,
@@ -128,8 +128,8 @@ class Child:
             with suppress(OSError):  # that it is gone is noticed when it is waited for
                 self._life.sendall(order_line)
         self._sources: dict[int, Callable[[bytes], object]] = {self._outgoing.fileno(): self._held.extend}
-        if hear is not None:
-            self._sources[self._process.stderr.fileno()] = hear  # type: ignore[union-attr]
+        if on_output is not None:
+            self._sources[self._process.stderr.fileno()] = on_output  # type: ignore[union-attr]
         if os.name == "nt":
             self._arrived: queue.Queue[tuple[int, bytes]] = queue.Queue(16)
             for source in self._sources:

@@ -85,7 +85,7 @@ def test_a_child_that_does_not_read_is_lost_within_the_limit(start):
 
 def test_what_it_prints_last_is_still_told(start):
     said = []
-    child = start("prints_and_exits", hear=said.append)
+    child = start("prints_and_exits", on_output=said.append)
     with pytest.raises(ChildLost):
         child.receive(30)
     child.close()

@@ -123,7 +123,7 @@ class GuestProcess:
         What it may use.
     program : str, optional
         Function that it runs.
-    hear : callable, optional
+    on_output : callable, optional
         Called with what the plug-ins print.
 
     Attributes
@@ -148,9 +148,9 @@ class GuestProcess:
         files: Sequence[str],
         limits: Limits,
         program: str = PROGRAM,
-        hear: Callable[[str], object] = lambda said: None,
+        on_output: Callable[[str], object] = lambda text: None,
     ) -> None:
-        self._hear, self._limits, self._run, self._tail, self._checked = hear, limits, 0, b"", 0.0
+        self._on_output, self._limits, self._run, self._tail, self._checked = on_output, limits, 0, b"", 0.0
         self._ping_s = dict[tuple[int, ...], float]()  # by the shape of an image
         self.files = list[list[str]]()
         folder = Path(tempfile.mkdtemp(prefix="saf-gen-guest-"))
@@ -165,7 +165,7 @@ class GuestProcess:
                 memory=self._memory,
                 file_bytes=MAX_FILE_BYTES,
                 reach=reach_of(folders, files, own=folder),
-                hear=self._note,
+                on_output=self._note,
             )
         except OSError as error:
             self._memory.close()
@@ -363,7 +363,7 @@ class GuestProcess:
 
     def _note(self, said: bytes) -> None:
         self._tail = (self._tail + said)[-MAX_TAIL_BYTES:]
-        self._hear(said.decode(errors="replace"))
+        self._on_output(said.decode(errors="replace"))
 
     def close(self) -> None:
         """End the process and everything that it started, and delete its folder."""
