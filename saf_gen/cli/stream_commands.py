@@ -287,8 +287,8 @@ def encode_command(
 
 
 def export_command(
-    stream: Annotated[Path, typer.Argument(help="Stream file.")],
-    target: Annotated[Path, typer.Option("--out", help="Raw file to write.")],
+    stream: Annotated[Path, typer.Argument(help="Stream file, or with --for saf a dataset folder.")],
+    target: Annotated[Path, typer.Option("--out", help="Raw file to write, or folder for a dataset.")],
     *,
     layout: Annotated[
         str | None, typer.Option(help="Layout of the file: 416, dense or sps1000 (default: by the size of the array).")
@@ -298,14 +298,25 @@ def export_command(
     ] = None,
     order: Bits = None,
     flip: Annotated[bool | None, typer.Option(help="Store the bottom row first (default: as in the layout).")] = None,
+    dt: Annotated[int | None, typer.Option(help="Frames per block, in the list of a folder (default: 100).")] = None,
 ) -> None:
-    """Convert a stream to a raw spike file."""
+    """Convert a stream to a raw spike file, or a dataset to a folder of them."""
     from saf_gen.core.files import check_apart, refuse_link
     from saf_gen.stream.interop import READERS, export_raw_frames
     from saf_gen.stream.stream_file import open_stream
 
     check_apart(stream, target)
     refuse_link(target)
+    if stream.is_dir():
+        refused = {"--layout": layout, "--bits": order, "--flip": flip, f"--for {reader}": reader != "saf" or None}
+        for option, value in refused.items():
+            if value is not None:
+                what = "no --for" if reader is None and option.startswith("--for") else option
+                raise BadInput(f"{what} is given with a folder", allowed="--for saf, and --dt")
+        _export_saf_folder(stream, target, dt=100 if dt is None else dt)
+        return
+    if dt is not None:
+        raise BadInput(f"--dt {dt} is given with a stream", allowed="with a dataset folder and --for saf")
     if target.exists():
         hint = "choose another name, or remove it"
         raise BadInput(f"{target} exists, and raw files do not say who wrote them", hint=hint)
@@ -333,6 +344,17 @@ def export_command(
         err.print(
             f"a raw file cannot hold what the stream says of its {' and '.join(lost)}: it has the recorded frames"
         )
+
+
+def _export_saf_folder(dataset: Path, folder: Path, *, dt: int) -> None:
+    from saf_gen.stream.interop.saf_folder import UNEVEN, export_saf_folder
+
+    count, uneven = export_saf_folder(dataset, folder, dt=dt)
+    out.print(f"{plural(count, 'recording')} and config.xlsx in {folder}", soft_wrap=True)
+    more = f" and {len(uneven) - 8} more" if len(uneven) > 8 else ""
+    if uneven:
+        err.print(escape_controls(f"{UNEVEN}, as the list notes: {', '.join(uneven[:8])}{more}"))
+    err.print("config.xlsx has no lens positions, light, target or depth of focus")
 
 
 def cut_command(
@@ -481,7 +503,10 @@ COMMANDS = {
         NOTHING_WRITTEN,
     ),
     "export": Command(
-        export_command, ("export recording.h5 --out frames.dat --for spikecv",), Panel.RECORDINGS, NOTHING_WRITTEN
+        export_command,
+        ("export recording.h5 --out frames.dat --for spikecv", "export datasets/sad_core --out saf/datasets --for saf"),
+        Panel.RECORDINGS,
+        NOTHING_WRITTEN,
     ),
     "encode": Command(
         encode_command,

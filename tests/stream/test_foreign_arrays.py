@@ -6,6 +6,8 @@ import zipfile
 import h5py
 import numpy as np
 import pytest
+from openpyxl import load_workbook
+from planted_sweeps import list_streams
 from refusals import assert_says, refusal
 from scipy import io
 from spreadsheets import HEADING, write_xlsx
@@ -13,6 +15,7 @@ from spreadsheets import HEADING, write_xlsx
 from saf_gen.stream.interop import SpikeArray, export_raw_frames
 from saf_gen.stream.interop.array_files import open_array
 from saf_gen.stream.interop.saf_folder import import_saf_folder, read_saf_config
+from saf_gen.stream.metadata import Truth
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -324,6 +327,48 @@ def test_a_row_that_does_not_fit_is_one_line(tmp_path, raw, row, message):
     assert_says(refusal(read_saf_config, folder), message)
     assert_says(refusal(lambda: list(import_saf_folder(folder, tmp_path / "out"))), message)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_dataset_goes_to_a_folder_of_saf_and_back(tmp_path, call):
+    spikes = np.random.default_rng(3).integers(0, 2, (2, 37, 250, 400), np.uint8)
+    for part, name, lens in zip(spikes, ("up", "down"), (np.linspace(0, 1, 37), np.linspace(1, 0, 37)), strict=True):
+        fields = {"focus_position": lens.astype(np.float32), "truth": Truth(0.3, frame=11.6)}
+        write_stream(tmp_path / "data/test" / f"{name}.h5", part, **fields)
+    list_streams(tmp_path / "data", {"id": "up"}, {"id": "down"})
+    assert call("export", tmp_path / "data", "--for", "saf", "--out", tmp_path / "saf/datasets", "--dt", 9)[0] == 0
+    listed = read_saf_config(tmp_path / "saf/datasets")
+    assert [(one.frames, one.focal_frame, one.block) for one in listed] == [(37, 12, 9)] * 2
+    notes = [row[-1] for row in load_workbook(tmp_path / "saf/datasets/config.xlsx").active.values]
+    assert notes == ["note", None, "the lens does not move evenly from 0 to 1"]
+    assert call("import", tmp_path / "saf/datasets", "--out", tmp_path / "back")[0] == 0
+    for part, name in zip(spikes, ("up-recorded-01", "down-recorded-02"), strict=True):
+        with open_stream(tmp_path / "back" / f"{name}.h5") as stream:
+            np.testing.assert_array_equal(stream.frames(0, 37), part)
+            assert stream.truth.frame == 12
+
+
+@pytest.mark.parametrize(
+    ("fields", "words", "message"),
+    [
+        ({}, "--for saf", "dt is 100 | 1 to 20"),
+        ({}, "--for saf --dt 30", "dt is 30 | 1 to 20"),
+        ({"truth": Truth()}, "--for saf --dt 20", "the lens passes no known focus"),
+        ({"size": (24, 32)}, "--for saf --dt 20", "has 32x24 pixels | 400x250"),
+        ({}, "--for spikecv", "--for spikecv is given with a folder | --for saf"),
+        ({}, "", "no --for is given with a folder | --for saf"),
+        ({}, "--for saf --layout dense", "--layout is given with a folder"),
+    ],
+)
+def test_a_dataset_that_saf_cannot_read_is_one_line(tmp_path, call, fields, words, message):
+    truth, size = fields.get("truth", Truth(0.3, frame=6.0)), fields.get("size", (250, 400))
+    lens = np.linspace(0, 1, 20, dtype=np.float32)
+    write_stream(tmp_path / "data/test/a.h5", np.zeros((20, *size), np.uint8), focus_position=lens, truth=truth)
+    list_streams(tmp_path / "data", {"id": "a"})
+    code, _, err = call("export", tmp_path / "data", "--out", tmp_path / "saf", *words.split())
+    assert code == 2
+    assert_says(err, message)
+    assert not (tmp_path / "saf").exists()
 
 
 @pytest.mark.slow

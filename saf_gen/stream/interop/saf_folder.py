@@ -1,4 +1,7 @@
-"""Import of the recordings of SAF (Su et al., CVPR 2024): ``config.xlsx`` lists them; each is a file of raw frames."""
+"""Import and export of recordings in the folders of SAF (Su et al., CVPR 2024), which their programs read.
+
+``config.xlsx`` lists the recordings; each is a file of raw frames.
+"""
 
 import json
 import re
@@ -10,16 +13,18 @@ from warnings import catch_warnings
 
 import numpy as np
 
-from saf_gen.core.files import name_as_text
+from saf_gen.core.files import name_as_text, rename_durably, temporary_folder
 from saf_gen.errors import BadInput
 from saf_gen.stream.interop.array_files import DAMAGE, check_packing
-from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, count_raw_frames, import_raw_frames
+from saf_gen.stream.interop.raw_frames import RAW_LAYOUTS, count_raw_frames, export_raw_frames, import_raw_frames
+from saf_gen.stream.manifest import read_manifest, stem_of
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.stream_file import check_replaceable, open_stream
+from saf_gen.stream.stream_file import SpikeStream, check_replaceable, open_stream
 
 CONFIG = "config.xlsx"
 COLUMNS = ("id", "scene name", "frames", "focal frame", "dt", "path")
 LAYOUT = "416"
+UNEVEN = "the lens does not move evenly from 0 to 1"
 MAX_SHEET_BYTES, MAX_SHEET_ROWS = 8 << 20, 10_000
 """Largest parts of the spreadsheet after decompression, all together, and most rows of its first sheet."""
 
@@ -182,3 +187,78 @@ def _is_imported(target: Path, recording: SafRecording, *, newer_than: Path, rea
         return False
     is_same = made == (recording.frames, readout_hz, recording.focal_frame)
     return is_same and origin.get("file") == name_as_text(recording.file.name)
+
+
+def export_saf_folder(dataset: str | Path, out: str | Path, *, dt: int = 100) -> tuple[int, list[str]]:
+    """Write the sequences of a dataset as a new folder that SAF's programs read: ``config.xlsx`` and raw frames.
+
+    The list states the true focus as a whole frame, counted from 1. It has no lens positions, so a last column notes
+    the sequences whose lens does not move evenly from 0 to 1. Light, target and depth of focus are not in it either.
+
+    Parameters
+    ----------
+    dataset : str or Path
+        Dataset folder.
+    out : str or Path
+        Folder to write, which does not exist. SAF's programs run in its parent folder.
+    dt : int, default 100
+        Frames per block in which SAF's programs score the recordings.
+
+    Returns
+    -------
+    tuple of (int, list of str)
+        Number of sequences, and the ids of those whose lens does not move evenly from 0 to 1.
+
+    Raises
+    ------
+    BadInput
+        Before anything is written: if ``out`` exists, if a sequence has not 250 × 400 pixels, holds no spikes, has
+        fewer frames than ``dt``, or has no frame at which the lens passes the focus.
+    """
+    from openpyxl import Workbook
+
+    root, folder = Path(dataset), Path(out)
+    if folder.exists():
+        raise BadInput(f"{folder} exists", allowed="a new folder", hint="choose another name, or remove it")
+    files, uneven, book = {}, [], Workbook()
+    book.active.append((*COLUMNS, "note"))
+    for number, entry in enumerate(read_manifest(root).sequences, start=1):
+        name = f"{stem_of(entry, where=str(root))}.dat"
+        files[name] = root / entry.file
+        with open_stream(files[name]) as stream:
+            focal = _check_exportable(stream, dt)
+            note = "" if _moves_evenly(stream) else UNEVEN
+            book.active.append(
+                (number, entry.id, stream.shape[0], focal, dt, f"./{folder.resolve().name}/{name}", note)
+            )
+        uneven += [entry.id] if note else []
+    with temporary_folder(folder) as part:
+        for name, source in files.items():
+            export_raw_frames(source, part / name, layout=LAYOUT)
+        book.save(part / CONFIG)
+        rename_durably(part, folder)
+    return len(files), uneven
+
+
+def _check_exportable(stream: SpikeStream, dt: int) -> int:
+    """Return the frame of the true focus, counted from 1; raise BadInput if SAF's programs cannot read the stream."""
+    where, (frames, rows, columns), kind = str(stream.path), stream.shape, RAW_LAYOUTS[LAYOUT]
+    if (rows, columns) != (kind.rows, kind.columns):
+        raise BadInput(
+            f"has {columns}x{rows} pixels",
+            where=where,
+            allowed=f"{kind.columns}x{kind.rows}, which SAF's programs read",
+        )
+    if stream.metadata.kind != "spikes":
+        raise BadInput(f"holds {stream.metadata.kind}", where=where, allowed="spikes")
+    if not 1 <= dt <= frames:
+        raise BadInput(f"dt is {dt}", where=where, allowed=f"1 to {frames}, the frames of the recording")
+    if not np.isfinite(stream.truth.frame):
+        raise BadInput("the lens passes no known focus", where=where, allowed="recordings with a frame of true focus")
+    return min(max(int(np.floor(stream.truth.frame + 1.5)), 1), frames)
+
+
+def _moves_evenly(stream: SpikeStream) -> bool:
+    frames, lens = stream.shape[0], stream.focus_position
+    even = (np.arange(frames) + 0.5) / frames
+    return lens is not None and bool(np.abs(np.asarray(lens) - even).max() <= 1e-3 + 0.5 / frames)
