@@ -38,6 +38,8 @@ IMPORTERS = {
         "stream.pictures",
         "addons.calibrate.fit_files",
         "addons.lens_files.sheet",
+        "addons.paper.figures",
+        "addons.paper.page",
         "authoring.contact_sheet",
     ],
     "PIL": ["stream.pictures", "stream.interop.image_pages", "stream.interop.stack_positions", "authoring.meshes"],

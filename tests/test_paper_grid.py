@@ -1,4 +1,4 @@
-"""A tenth of the paper's grid at full size: every tenth sequence of recipes/sad_synthetic.yaml, in minutes."""
+"""A tenth of the paper's grid at full size: every tenth sequence of recipes/paper.yaml, in minutes."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.long
 @pytest.mark.skipif(not backend.probe_backends().llvm_usable, reason="half an hour without LLVM")
 def test_a_tenth_of_the_grid_is_complete_and_shows_the_claims_of_the_paper(tmp_path):
     """SD is at most one depth of focus off in every sequence, and the spike count is wrong in some."""
-    work = resolve_recipe("recipes/sad_synthetic.yaml")
+    work = resolve_recipe("recipes/paper.yaml")
     work = replace(work, sequences=work.sequences[::10])
     assert len(work.sequences) == 4
     assert any(s.planned.scene_motion == "dynamic" for s in work.sequences)

@@ -307,7 +307,7 @@ COMMANDS = {
         generate_command,
         (
             "generate quickstart",
-            "generate recipes/sad_synthetic.yaml --dry-run --machines 8",
+            "generate recipes/paper.yaml --dry-run --machines 8",
             "generate my_recipe.yaml --out datasets/mine --workers 2",
             "generate quickstart --shard 2/3 --out shard2",
             "generate quickstart --from shard1 --from shard2 --from shard3",

@@ -66,8 +66,8 @@ def test_a_folder_without_a_manifest_is_not_a_dataset(tmp_path):
     assert (error.where, error.hint) == (str(tmp_path), "make the dataset with saf-gen generate")
     (tmp_path / "x").write_text("")
     assert refusal(read_manifest, tmp_path / "x").allowed == "a dataset folder"
-    (tmp_path / "sad_synthetic").mkdir()
-    assert refusal(read_manifest, tmp_path / "sad_syntetic").nearest == "sad_synthetic"
+    (tmp_path / "paper_small").mkdir()
+    assert refusal(read_manifest, tmp_path / "paper_smal").nearest == "paper_small"
 
 
 @pytest.mark.parametrize(
