@@ -134,9 +134,7 @@ def test_a_dry_run_names_the_first_of_many_stacks_and_counts_the_rest(count, end
 
 
 def test_a_dry_run_of_a_split_lists_its_sequences_only(call, tmp_path):
-    code, out, _ = call(
-        "generate", "recipes/paper.yaml", "--out", tmp_path / "ds", "--dry-run", "--split", "train"
-    )
+    code, out, _ = call("generate", "recipes/paper.yaml", "--out", tmp_path / "ds", "--dry-run", "--split", "train")
     assert code == 0
     assert "12 sequences" in out
 
