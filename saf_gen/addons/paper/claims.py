@@ -19,8 +19,9 @@ HOLDS, PART, FAILS, UNKNOWN = "holds", "in part", "fails", "unknown"
 RULE = (
     f"A measure works if {WORKS:.0%} of its answers or more are within one depth of focus of the truth, and fails if at"
     f" most {BREAKS:.0%} are. A claim about several measures holds if it holds for all of them, and fails if it holds"
-    " for none. Intervals of 95 % are over scenes; a mean over fewer than three scenes has none. Measures see the box"
-    " about the target; the paper's see all pixels."
+    " for none. Claims are judged on all scenes, also those that the paper makes about USAF data. Intervals of 95% are"
+    " over scenes; a mean over fewer than three scenes has none. Measures see the box about the target; the paper's see"
+    " all pixels. The levels of the light are the recipe's, because the paper states none."
 )
 ALL = dict.fromkeys(MEASURES, True)
 OTHERS = dict.fromkeys(("gradient_code", "mfdct_code", "er_sumsq"), False)
