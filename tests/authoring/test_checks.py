@@ -2,10 +2,13 @@
 
 import re
 import shutil
+from io import StringIO
+from time import sleep
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.special import j1
 from small_dataset import DRIVE, SCENES
 from written_scenes import VARIANT, needs_llvm, write_scene
@@ -493,6 +496,25 @@ def test_the_command_prints_a_line_a_finding_and_ends_with_0(call, skeleton, sen
     code, out, err = call("scenes", "check", "mine", "--sensor", sensor_file, "--variant", VARIANT)
     assert (code, err) == (0, "")
     assert all(line.startswith("mine ok ") for line in out.splitlines())
+
+
+def test_progress_and_the_time_left_are_shown_on_a_terminal_and_in_a_log(call, skeleton, monkeypatch):
+    scene = skeleton()
+
+    def run(jobs, report, **_):
+        for done in (0.0, 0.25, 0.5):
+            report(jobs[0].name, done)
+            sleep(0.15)
+        yield jobs[0], (), None
+
+    monkeypatch.setattr("saf_gen.authoring.jobs.run_scene_jobs", run)
+    monkeypatch.setattr("saf_gen.cli._terminal.LOG_EVERY_S", 0.1)
+    assert re.search("^scenes 50%: check mine$", call("scenes", "check", scene.id, progress=True)[2], re.MULTILINE)
+    terminal = Console(file=StringIO(), force_terminal=True, width=80)
+    monkeypatch.setattr("saf_gen.cli._terminal.err", terminal)
+    assert call("scenes", "check", scene.id)[0] == 0
+    shown = re.sub("\x1b\\[[^A-Za-z]*[A-Za-z]", "", terminal.file.getvalue())
+    assert re.search(r"scenes check mine +\S+ +50 % +0:00:0", shown)
 
 
 def test_an_error_is_exit_code_1_and_a_broken_card_does_not_stop_other_scenes(call, skeleton, monkeypatch, sensor_file):
