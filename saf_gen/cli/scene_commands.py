@@ -112,7 +112,9 @@ def new_scene_command(
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:
         out.print(line, soft_wrap=True)
-    if exported is not None and "<sensor" in (root / name / "scene.xml").read_text(encoding="utf-8"):
+    from saf_gen.scene.xml import read_scene_xml
+
+    if exported is not None and read_scene_xml(root / name / "scene.xml", {}).films:  # a mesh alone has no camera
         from saf_gen.authoring.import_check import compare_with_source
 
         try:
