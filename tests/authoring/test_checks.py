@@ -16,7 +16,7 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 from saf_gen.authoring import checks
 from saf_gen.authoring.checks import SceneUnderTest, check_licence, check_scene
 from saf_gen.authoring.checks.geometry import _find_fastest_shape
-from saf_gen.authoring.checks.pictures import _measure_detail, check_curve
+from saf_gen.authoring.checks.pictures import TargetDetail, _check_contrast, _measure_detail, check_curve
 from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene
@@ -344,6 +344,11 @@ def test_loss_and_noise_are_those_that_were_planted():
 def test_a_picture_of_noise_alone_has_no_detail():
     shown = _measure_detail(planted((0,) * 5, 0.3, 2), planted((0,) * 5, 0.3, 5), truth=0.5, offset=0.25)
     assert shown.contrast < 0.01  # the standard error is 0.007, from noise of 0.3/3 in 40,000 pixels
+
+
+def test_an_even_target_into_which_blur_brings_what_is_beside_it_loses_nothing():
+    finding = _check_contrast(SimpleNamespace(pixel_footprint_m=1e-3), TargetDetail(0.2, -1.8, 0.0), blur=3.0)
+    assert (finding.level, "removes 0.0% of its square: it shows no defocus" in finding.text) == ("error", True)
 
 
 @needs_llvm
