@@ -252,7 +252,8 @@ def call(capsys) -> Callable[..., tuple[int, str, str]]:
             main([str(argument) for argument in arguments])
         out, err = capsys.readouterr()
         # A busy machine may be at work for long.
-        left_out = r"^\w+: at work for \d+ s\n" + ("" if progress else r"|^(evaluate|rank|verify|tune) \d+%: .*\n")
+        steps = "" if progress else r"|^(evaluate|rank|scenes|tune|verify) \d+%: .*\n"
+        left_out = r"^\w+: at work for \d+ s\n" + steps
         return ended.value.code, out, re.sub(left_out, "", err, flags=re.MULTILINE)
 
     return run_command

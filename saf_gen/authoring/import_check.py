@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from saf_gen.authoring.meshes import encode_png
-from saf_gen.render.exported_camera import SENSOR_WIDTH_M, source_picture
+from saf_gen.render.exported_camera import SENSOR_WIDTH_M, source_pictures
 from saf_gen.render.render_setup import SensorGrid
 from saf_gen.render.scene_renderer import SceneRenderer
 from saf_gen.scene.scene_folder import COMPARISON, load_scene
@@ -20,25 +20,28 @@ DARK = 0.25  # of the mean: differences of darker blocks count as if they had th
 def compare_with_source(folder: Path, *, variant: str = "auto") -> str:
     """Write the picture of a scene's source, that of the scene, and their difference, and return a line about them.
 
-    Differences are those of blocks of 6 × 6 pixels.
+    Differences are those of blocks of 6 × 6 pixels. The noise is that of the source's picture, from two halves of it.
 
     Raises BadInput if one of them cannot be rendered.
     """
     grid = SensorGrid(ROWS, COLUMNS, SENSOR_WIDTH_M / COLUMNS)
-    source = source_picture(folder / "scene.xml", grid, samples=SAMPLES)
+    halves = source_pictures(folder / "scene.xml", grid, samples=SAMPLES)
+    source = halves.mean(axis=0)
     scene = load_scene(folder)
     pose = scene.card.camera
     position = scene.build_drive().best_position(float(np.linalg.norm(np.subtract(pose.look_at_m, pose.origin_m))))
     renderer = SceneRenderer(scene, grid, backend_name=variant)
     imported = renderer.render_pinhole(float(position), samples=SAMPLES)
     _write(folder / COMPARISON, source, imported=imported)
-    theirs, ours = (_blocks(picture) for picture in (source, imported))
-    apart = np.abs(ours - theirs) / np.maximum(theirs, DARK * theirs.mean())
+    theirs, ours, noise = (_blocks(picture) for picture in (source, imported, (halves[1] - halves[0]) / 2))
+    apart, noise = (np.abs(by) / np.maximum(theirs, DARK * theirs.mean()) for by in (ours - theirs, noise))
     row, column = np.unravel_index(int(np.nanargmax(apart)), apart.shape)
     place = f"{(column + 0.5) * BLOCK / COLUMNS:.0%} from the left, {(row + 0.5) * BLOCK / ROWS:.0%} from the top"
+    rms, noise_rms = (np.sqrt(np.mean(share**2)) for share in (apart, noise))
     return (
-        f"picture: apart from Mitsuba's of the source by at most {apart[row, column]:.0%}, {place}, and by "
-        f"{np.sqrt(np.mean(apart**2)):.1%} rms; {folder / COMPARISON} shows source, scene and difference"
+        f"picture: apart from Mitsuba's of the source by at most {apart[row, column]:.0%} (noise: {noise.max():.0%}), "
+        f"{place}, and by {rms:.1%} rms (noise: {noise_rms:.1%}); "
+        f"{folder / COMPARISON} shows source, scene and difference"
     )
 
 

@@ -205,7 +205,7 @@ MAX_BYTES = 4 << 30
 class Files:
     """The files of the shapes, and their XML; shapes with the same picture share its file.
 
-    Surfaces are matt unless ``glossy`` says that their roughness and metal count.
+    Surfaces are matt unless ``glossy`` says that their roughness and metal count, and they are not wholly rough.
     """
 
     def __init__(self, *, glossy: bool = False) -> None:
@@ -235,7 +235,10 @@ class Files:
     def _reflection(self, name: str, shape: Shape, *, attributes: dict[str, np.ndarray]) -> str:
         """Return the BSDF of colour × picture × colours of the vertices."""
         surface, colours = shape.surface, shape.colours
-        key = "base_color" if self._glossy else "reflectance"
+        # At grazing angles, those of Mitsuba's principled are twice as bright as those of other renderers.
+        rough = surface.roughness == 1 and surface.metallic == 0 and surface.gloss_picture is None
+        matt = rough or not self._glossy
+        key = "reflectance" if matt else "base_color"
         if surface.picture is None and colours is None:
             colour = rgb(key, surface.colour)
         elif surface.picture is None and colours is not None:
@@ -249,7 +252,7 @@ class Files:
                 allowed="one of them",
                 hint="remove the colours of its vertices, and export it again",
             )
-        if not self._glossy:
+        if matt:
             return f'<bsdf type="diffuse">{colour}</bsdf>'
         return f'<bsdf type="principled">{colour}{"".join(self._gloss(name, surface))}</bsdf>'
 

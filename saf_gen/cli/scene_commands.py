@@ -21,6 +21,7 @@ from saf_gen.cli._terminal import (
     out,
     print_error,
     progress_bars,
+    terminal_reporter,
 )
 from saf_gen.cli.command import Command, Panel
 from saf_gen.core.table import Column, Table
@@ -111,7 +112,9 @@ def new_scene_command(
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:
         out.print(line, soft_wrap=True)
-    if exported is not None and "<sensor" in (root / name / "scene.xml").read_text(encoding="utf-8"):
+    from saf_gen.scene.xml import read_scene_xml
+
+    if exported is not None and read_scene_xml(root / name / "scene.xml", {}).films:  # a mesh alone has no camera
         from saf_gen.authoring.import_check import compare_with_source
 
         try:
@@ -226,15 +229,16 @@ def _check(
     jobs = [CheckSceneJob(scene, camera, variant) for scene in scenes]
     complete = 0
     with ExitStack() as undo, progress_bars() as bars:
-        task = bars.add_task("check", total=len(jobs))
+        show = terminal_reporter("scenes", bars)
 
         def report(name: str, done: float) -> None:
-            bars.update(task, description=name, completed=complete + done if cluster is None else complete)
+            show(round(100 * (complete + done if cluster is None else complete)), 100 * len(jobs), name)
 
         ended = run_scene_jobs(jobs, report, cluster=cluster, notify=err.print)
         undo.enter_context(closing(ended))
-        for complete, (job, result, error) in enumerate(ended, 1):
-            bars.update(task, completed=complete)
+        for job, result, error in ended:
+            complete += 1
+            report(job.name, 0.0)
             if isinstance(error, BadInput) and cluster is None:
                 raise error
             for finding in (Finding("process", "error", str(error)),) if error else result:

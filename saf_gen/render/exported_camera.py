@@ -198,10 +198,11 @@ def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...
     return float(np.median((ends.point[ends.on_target] - origin) @ ahead))
 
 
-def source_picture(path: Path, grid: SensorGrid, *, samples: int) -> np.ndarray:
-    """Return the luminance of what the first perspective camera of a scene sees as a pinhole, float32 (row, col).
+def source_pictures(path: Path, grid: SensorGrid, *, samples: int, count: int = 2) -> np.ndarray:
+    """Return the luminance of what the first perspective camera of a scene sees as a pinhole, float32 (n, row, col).
 
-    Mitsuba renders it in RGB, with light along paths of up to six segments, and with the width of the file's picture.
+    Mitsuba renders it in RGB, with light along paths of up to six segments, and with the width of the file's picture,
+    ``count`` times with other noise.
 
     Raises BadInput if the scene cannot be read or has no such camera.
     """
@@ -225,8 +226,8 @@ def source_picture(path: Path, grid: SensorGrid, *, samples: int) -> np.ndarray:
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
-    image = render_with_camera(loaded, camera, integrator=integrator, samples=samples)
-    return image.reshape(grid.rows, grid.columns)
+    images = [render_with_camera(loaded, camera, integrator=integrator, samples=samples, seed=n) for n in range(count)]
+    return np.reshape(images, (count, grid.rows, grid.columns))
 
 
 MIN_BLUR_PX = 4.0  # at an end of the travel that the card gets; with less, no method finds the focus

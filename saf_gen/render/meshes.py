@@ -291,7 +291,7 @@ def _files_without_normals(entries: Mapping[str, Any], prefix: str) -> Iterator[
         at = f"{prefix}{entry.get('id', key)}." if key else ""
         if entry.get("type") in ("scene", "shapegroup"):
             yield from _files_without_normals(entry, at)
-        elif entry.get("type") in ("ply", "obj") and not _has_normals(entry):
+        elif entry.get("type") in ("ply", "obj") and not (entry.get("face_normals") or _has_normals(entry)):
             yield at
 
 

@@ -86,8 +86,9 @@ def worst_hue(described: Mapping[str, Any]) -> str:
             if abs(here - truth) > worst:
                 worst = abs(here - truth)
                 line = (
-                    f"colour: the lamp {lamp!r} and the surface {surface!r} both have a hue, and luminances are "
-                    f"multiplied: the surface reflects {here:.2f} of this light, in truth {truth:.2f}"
+                    f"colour: the lamp {lamp!r} and the surface {surface!r} both have a hue, which the sensor does not "
+                    f"see: the surface reflects {here:.0%} of this light in place of {truth:.0%}, the largest such "
+                    "error (make one of them grey if that matters)"
                 )
     return line
 

@@ -2,10 +2,13 @@
 
 import re
 import shutil
+from io import StringIO
+from time import sleep
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.special import j1
 from small_dataset import DRIVE, SCENES
 from written_scenes import VARIANT, needs_llvm, write_scene
@@ -13,7 +16,7 @@ from written_scenes import VARIANT, needs_llvm, write_scene
 from saf_gen.authoring import checks
 from saf_gen.authoring.checks import SceneUnderTest, check_licence, check_scene
 from saf_gen.authoring.checks.geometry import _find_fastest_shape
-from saf_gen.authoring.checks.pictures import _measure_detail, check_curve
+from saf_gen.authoring.checks.pictures import TargetDetail, _check_contrast, _measure_detail, check_curve
 from saf_gen.authoring.template import scene_from_template
 from saf_gen.camera import get_sensor
 from saf_gen.scene.scene_folder import find_scene
@@ -343,6 +346,11 @@ def test_a_picture_of_noise_alone_has_no_detail():
     assert shown.contrast < 0.01  # the standard error is 0.007, from noise of 0.3/3 in 40,000 pixels
 
 
+def test_an_even_target_into_which_blur_brings_what_is_beside_it_loses_nothing():
+    finding = _check_contrast(SimpleNamespace(pixel_footprint_m=1e-3), TargetDetail(0.2, -1.8, 0.0), blur=3.0)
+    assert (finding.level, "removes 0.0% of its square: it shows no defocus" in finding.text) == ("error", True)
+
+
 @needs_llvm
 def test_the_loss_of_stripes_is_that_of_the_discs_transfer(tmp_path, monkeypatch, sensor):
     """Slanted stripes with a period of eight pixels are blurred by a disc of three pixels.
@@ -493,6 +501,25 @@ def test_the_command_prints_a_line_a_finding_and_ends_with_0(call, skeleton, sen
     code, out, err = call("scenes", "check", "mine", "--sensor", sensor_file, "--variant", VARIANT)
     assert (code, err) == (0, "")
     assert all(line.startswith("mine ok ") for line in out.splitlines())
+
+
+def test_progress_and_the_time_left_are_shown_on_a_terminal_and_in_a_log(call, skeleton, monkeypatch):
+    scene = skeleton()
+
+    def run(jobs, report, **_):
+        for done in (0.0, 0.25, 0.5):
+            report(jobs[0].name, done)
+            sleep(0.15)
+        yield jobs[0], (), None
+
+    monkeypatch.setattr("saf_gen.authoring.jobs.run_scene_jobs", run)
+    monkeypatch.setattr("saf_gen.cli._terminal.LOG_EVERY_S", 0.1)
+    assert re.search("^scenes 50%: check mine$", call("scenes", "check", scene.id, progress=True)[2], re.MULTILINE)
+    terminal = Console(file=StringIO(), force_terminal=True, width=80)
+    monkeypatch.setattr("saf_gen.cli._terminal.err", terminal)
+    assert call("scenes", "check", scene.id)[0] == 0
+    shown = re.sub("\x1b\\[[^A-Za-z]*[A-Za-z]", "", terminal.file.getvalue())
+    assert re.search(r"scenes check mine +\S+ +50 % +0:00:0", shown)
 
 
 def test_an_error_is_exit_code_1_and_a_broken_card_does_not_stop_other_scenes(call, skeleton, monkeypatch, sensor_file):

@@ -1,5 +1,7 @@
 """An imported scene is rendered beside its source, and a line says how far both are apart."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -42,6 +44,9 @@ def test_a_scene_as_in_its_source_differs_by_noise_alone_and_the_picture_changes
     line = compare_with_source(folder, variant="scalar")
     assert line.startswith("picture: apart from Mitsuba's of the source by at most ")
     assert largest(line) < 0.05
+    noise = [float(share) for share in re.findall(r"noise: ([\d.]+)%", line)]
+    assert len(noise) == 2
+    assert 0 < noise[1] <= noise[0] < 3
     assert load_scene(folder).digest == digest
     grey = np.asarray(Image.open(folder / "import.png"))
     assert grey.shape == (240, 3 * 384)
@@ -65,10 +70,10 @@ def test_a_camera_that_is_not_that_of_the_source_shows(take, edit):
         (
             "0, 1, 0",
             "1, 0, 0",
-            "the lamp 'sky' and the surface 'left' both have a hue, and luminances are multiplied: ",
+            "the lamp 'sky' and the surface 'left' both have a hue, which the sensor does not see: ",
         ),
-        ("0, 1, 0", "1, 0, 0", "the surface reflects 0.72 of this light, in truth 0.00"),
-        ("1, 0, 0", "1, 0, 0", "the surface reflects 0.21 of this light, in truth 1.00"),
+        ("0, 1, 0", "1, 0, 0", "the surface reflects 72% of this light in place of 0%, the largest"),
+        ("1, 0, 0", "1, 0, 0", "the surface reflects 21% of this light in place of 100%, the largest"),
         ("0, 1, 0", "2, 2, 2", None),
         ("0.5, 0.5, 0.5", "1, 0, 0", None),
     ],

@@ -181,7 +181,10 @@ def pages():
 
 
 PAGES = base64.b64encode(pages()).decode()
-NOT_READ = "the extension {!r} is not read; allowed: KHR_materials_emissive_strength"
+NOT_READ = (
+    "the extension {!r} is not read; allowed: KHR_materials_emissive_strength, EXT_texture_webp, KHR_materials_ior,"
+    " KHR_xmp_json_ld, lamps and materials"
+)
 BASE = "materials__0__pbrMetallicRoughness__baseColorTexture"
 REFUSED = [
     *(

@@ -223,6 +223,18 @@ def test_a_file_without_normals_has_the_same_ones_on_any_number_of_threads(tmp_p
 
 @needs_llvm
 @pytest.mark.parametrize("ending", ["ply", "obj"])
+def test_a_file_with_the_normals_of_its_faces_stays_flat(tmp_path, ending):
+    """A box whose sides share their vertices: its top is lit as a plane and not as a part of a ball."""
+    trimesh.creation.box().export(tmp_path / f"box.{ending}")
+    entry = {"type": ending, "filename": str(tmp_path / f"box.{ending}"), "face_normals": True}
+    backend.activate_backend("llvm")
+    loaded, _ = mitsuba_scene.load_lit_scene({"box": entry, "sky": {"type": "constant"}}, ("sky",), max_depth=2)
+    hit = loaded.ray_intersect(mi.Ray3f(mi.Point3f(0.3, 0.2, 2), mi.Vector3f(0, 0, -1)))
+    assert np.ravel(hit.sh_frame.n) == pytest.approx([0, 0, 1], abs=1e-6)
+
+
+@needs_llvm
+@pytest.mark.parametrize("ending", ["ply", "obj"])
 def test_normals_of_a_file_are_kept(tmp_path, ending):
     file = tmp_path / f"one.{ending}"
     if ending == "obj":

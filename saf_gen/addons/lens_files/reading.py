@@ -1,7 +1,7 @@
 """Reading the surfaces of a lens: a file of Zemax (.zmx), or a table of surfaces (.yaml)."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,6 +10,7 @@ from pydantic import Field
 
 from saf_gen.addons.lens_files.glass import AIR, Glass, find_glass, model_glass, read_agf
 from saf_gen.addons.lens_files.prescription import Prescription, Surface, check_prescription
+from saf_gen.addons.lens_files.pupils import find_pupils
 from saf_gen.addons.lens_files.zemax import read_zemax
 from saf_gen.core.config.document import FrozenModel, check_plain_file, validate_document
 from saf_gen.core.config.presets import is_preset_file
@@ -17,6 +18,7 @@ from saf_gen.core.config.yaml_document import parse_yaml
 from saf_gen.errors import BadInput
 
 MAX_LENS_BYTES, MAX_AGF_BYTES = 4 << 20, 16 << 20
+CLOSE = 0.01  # of what a file states: rays that have it otherwise by more are told
 KINDS = "a sequential lens of Zemax (.zmx), or a table of surfaces (.yaml)"
 
 
@@ -34,7 +36,7 @@ class Row(FrozenModel):
     powers: tuple[float, ...] = ()
     """Coefficients of r², r⁴, ..., mm⁻¹, mm⁻³, ..."""
     semi_diameter_mm: float | None = Field(default=None, gt=0)
-    """Radius of its clear part, for the relative illumination alone."""
+    """Radius of its clear part, mm, for the relative illumination; at the stop, also to be compared with f_number."""
     stop: bool = False
     """Whether the stop is at its vertex."""
 
@@ -52,6 +54,8 @@ class LensTable(FrozenModel):
     """Shortest and longest wavelength, nm."""
     primary_nm: float
     """Wavelength at which the lens is described, nm."""
+    focal_length_mm: float | None = Field(default=None, gt=0)
+    """Focal length that its source states, mm, to be compared with that of the rays."""
     surfaces: tuple[Row, ...]
     """Its surfaces."""
 
@@ -74,14 +78,19 @@ def read_prescription(
     f_number, height_mm : float, optional
         Aperture and largest image height (mm), in place of those of the file.
 
+    Returns
+    -------
+    Prescription
+        The lens; its notes say where its rays contradict a stated focal length or f-number by over 1 %.
+
     Raises
     ------
     BadInput
         If the file is neither, is larger than 4 MiB, or holds what rays cannot be traced through.
     """
-    where = str(path)
+    where, focal_length_mm = str(path), None
     if is_preset_file(path):
-        lens = _read_table(_read(path, MAX_LENS_BYTES), path, glasses=glasses or {})
+        lens, focal_length_mm = _read_table(_read(path, MAX_LENS_BYTES), path, glasses=glasses or {})
     elif path.suffix.lower() == ".zmx":
         lens = read_zemax(_read(path, MAX_LENS_BYTES), where=where, glasses=glasses or {}, name=path.stem)
     else:
@@ -99,13 +108,31 @@ def read_prescription(
     elif lens.field[1] == 0:
         raise BadInput(
             f"{where} does not say how far its picture reaches",
-            allowed="a field off the axis",
+            allowed="a field off the axis, as an angle or an image height (FTYP 0, 2 or 3)",
             hint="give it: --height-mm MM",
         )
-    return check_prescription(lens, where=where)
+    check_prescription(lens, where=where)
+    contradictions = _contradictions(lens, focal_length_mm, own_aperture=f_number is None)
+    return replace(lens, notes=(*lens.notes, *contradictions))
 
 
-def _read_table(text: str, path: Path, *, glasses: Mapping[str, Glass]) -> Prescription:
+def _contradictions(lens: Prescription, focal_length_mm: float | None, *, own_aperture: bool) -> Iterator[str]:
+    """Yield a line for the focal length and the f-number that a file states and its rays do not have."""
+    pupils = find_pupils(lens, lens.primary_nm)
+    f, stop_mm = pupils.focal_length_mm, lens.surfaces[lens.stop].semi_diameter_mm
+    if focal_length_mm and abs(f / focal_length_mm - 1) > CLOSE:
+        yield f"the file states a focal length of {focal_length_mm:g} mm, its rays have {f:.4g} mm: a typing error?"
+    if own_aperture and math.isfinite(stop_mm):
+        stated, passed = (
+            f / (2 * pupils.entrance_radius_mm(aperture)) for aperture in (lens.aperture, ("stop", stop_mm))
+        )
+        if abs(passed / stated - 1) > CLOSE:
+            apart = f"the file states f/{stated:.3g}, a stop of {stop_mm:g} mm radius passes f/{passed:.3g}"
+            yield f"{apart}: f/{stated:.3g} counts"
+
+
+def _read_table(text: str, path: Path, *, glasses: Mapping[str, Glass]) -> tuple[Prescription, float | None]:
+    """Return the lens of a table, and the focal length (mm) that it states."""
     table = validate_document(LensTable, parse_yaml(text, path))
     stops = [n for n, row in enumerate(table.surfaces) if row.stop]
     if len(stops) != 1:
@@ -128,7 +155,7 @@ def _read_table(text: str, path: Path, *, glasses: Mapping[str, Glass]) -> Presc
                 semi_diameter_mm=row.semi_diameter_mm or math.inf,
             )
         )
-    return Prescription(
+    lens = Prescription(
         name=table.name,
         surfaces=tuple(surfaces),
         stop=stops[0],
@@ -137,6 +164,7 @@ def _read_table(text: str, path: Path, *, glasses: Mapping[str, Glass]) -> Presc
         waves_nm=table.waves_nm,
         primary_nm=table.primary_nm,
     )
+    return lens, table.focal_length_mm
 
 
 def _read(path: Path, most: int) -> str:

@@ -17,6 +17,7 @@ BLANK_GLASS = "___BLANK"
 SHAPES = ("STANDARD", "EVENASPH")
 POWERS = 8
 FIELDS = {0: "angle", 2: "image", 3: "image"}
+MOST = 1000  # fields, wavelengths and coefficients that a file counts
 SYSTEM = (
     *("MODE", "NAME", "UNIT", "ENPD", "FNUM", "FLOA", "OBNA", "FTYP", "XFLN", "YFLN", "PWAV", "WAVM"),  # read here
     # Versions, notes, coatings, colours of the drawing, ways of search, polarisation, and weights of fields:
@@ -127,9 +128,9 @@ def _split(text: str, where: str) -> _Lines:
                 hint="if it changes no ray, delete its line from a copy",
             )
         elif word == "WAVM":
-            lines.waves[int(_number(lines, values))] = _number(lines, values, at=1)
+            lines.waves[_whole(lines, values)] = _number(lines, values, at=1)
         elif word == "PARM":
-            lines.parameters[-1][int(_number(lines, values))] = _number(lines, values, at=1)
+            lines.parameters[-1][_whole(lines, values)] = _number(lines, values, at=1)
         else:
             (lines.surfaces[-1] if inside else lines.system)[word] = values
     return lines
@@ -145,6 +146,16 @@ def _number(lines: _Lines, values: list[str], *, at: int = 0) -> float:
     if math.isnan(number):
         raise BadInput(f"{lines.where}: a number is NaN", allowed="finite numbers, or INFINITY for a distance")
     return number
+
+
+def _whole(lines: _Lines, values: list[str], *, at: int = 0) -> int:
+    number = _number(lines, values, at=at)
+    if not 0 <= number <= MOST or number % 1:
+        raise BadInput(
+            f"{lines.where} is damaged: {number:g} where a count or the number of something is due",
+            allowed=f"a whole number from 0 to {MOST}",
+        )
+    return int(number)
 
 
 def _thickness(lines: _Lines, n: int) -> float:
@@ -193,14 +204,14 @@ def _count(lines: _Lines, at: int, *, what: str) -> int:
     values = lines.system.get("FTYP", [])
     if len(values) <= at:
         raise BadInput(f"{lines.where} does not say how many {what} it has", allowed="FTYP with at least four numbers")
-    return int(_number(lines, values, at=at))
+    return _whole(lines, values, at=at)
 
 
 def _waves(lines: _Lines) -> tuple[tuple[float, ...], float]:
     numbers = range(1, _count(lines, 3, what="wavelengths") + 1)
     if missing := [n for n in numbers if n not in lines.waves] or ([] if numbers else [1]):
         raise BadInput(f"{lines.where} has no wavelength {missing[0]}", allowed="WAVM for each that FTYP counts")
-    primary = int(_number(lines, lines.system.get("PWAV", ["1"])))
+    primary = _whole(lines, lines.system.get("PWAV", ["1"]))
     if primary not in numbers:
         raise BadInput(f"{lines.where}: the primary wavelength is number {primary}", allowed=f"1 to {len(numbers)}")
     return tuple(sorted({round(1e3 * lines.waves[n], 6) for n in numbers})), round(1e3 * lines.waves[primary], 6)
@@ -211,7 +222,8 @@ def _aperture(lines: _Lines, mm: float, *, stop_mm: float) -> tuple[str, float]:
     if "ENPD" in system:
         return "entrance", _number(lines, system["ENPD"]) * mm
     if "FNUM" in system:
-        return "f_number", _number(lines, system["FNUM"])
+        working = "1" in system["FNUM"][1:2] and math.isfinite(_thickness(lines, 0))  # depends on the object's distance
+        return "f_number", 0.0 if working else _number(lines, system["FNUM"])
     if "FLOA" in system and math.isfinite(stop_mm):
         return "stop", stop_mm
     return "f_number", 0.0  # the file does not say

@@ -148,7 +148,8 @@ def check_detail(subject: SceneUnderTest) -> Iterator[Finding]:
 
 def _check_contrast(subject: SceneUnderTest, detail: TargetDetail, *, blur: float) -> Finding:
     pixel_mm = subject.pixel_footprint_m * 1e3
-    loss = f"a blur of {blur:.2g} pixels removes {detail.blur_loss:.1%} of its square"
+    lost = max(detail.blur_loss, 0.0)  # below 0 if what is beside an even target blurs into it
+    loss = f"a blur of {blur:.2g} pixels removes {lost:.1%} of its square"
     text = f"contrast {detail.contrast:.2g}, {loss}"
     wanted = f"details of {pixel_mm:.3g} to {5 * pixel_mm:.3g} mm; a pixel sees {pixel_mm:.3g} mm"
     if not detail.contrast > MIN_CONTRAST:

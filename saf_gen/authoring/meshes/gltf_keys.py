@@ -33,7 +33,7 @@ EXTENSIONS = {
 
 def _listed(name: str) -> str:
     if name not in EXTENSIONS:
-        raise ValueError(", ".join(EXTENSIONS))
+        raise ValueError(", ".join([*(known for known, line in EXTENSIONS.items() if not line), "lamps and materials"]))
     return name
 
 

@@ -210,6 +210,32 @@ def test_what_a_file_says_and_nothing_uses_is_told(tmp_path):
         assert words in notes
 
 
+def with_stop(radius_mm, *, f_number=4.5):
+    """The table of a lens of 60.49 mm whose stop is 0.926 times as wide as its entrance pupil."""
+    text = table_text().replace("stop: true", f"stop: true, semi_diameter_mm: {radius_mm}")
+    return text.replace("f_number: 4.5", f"f_number: {f_number}")
+
+
+STATED = {
+    "0.8 % off": ("a.yaml", table_text() + "focal_length_mm: 60\n", ""),
+    "2.5 % off": ("a.yaml", table_text() + "focal_length_mm: 59\n", "a focal length of 59 mm, its rays have 60.49 mm"),
+    "a stop of its f-number": ("a.yaml", with_stop(6.224), ""),
+    "a stop of another": ("a.yaml", with_stop(7.0), "states f/4.5, a stop of 7 mm radius passes f/4: f/4.5 counts"),
+    "no room for its f-number": ("a.yaml", with_stop(6.224, f_number=4.0), "a stop of 6.224 mm radius passes f/4.5"),
+    "a pupil of another": ("a.zmx", zemax_text(extra={3: ["  DIAM 5"]}), "states f/5.04, a stop of 5 mm radius passes"),
+    "open to its stop": ("a.zmx", zemax_text(drop=("ENPD",), system=["FLOA"], extra={3: ["  DIAM 5"]}), ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "text", "note"), STATED.values(), ids=STATED)
+def test_what_a_file_states_otherwise_than_its_rays_by_over_one_per_cent_is_told(file, text, note, tmp_path):
+    (tmp_path / file).write_text(text)
+    notes = read_prescription(tmp_path / file).notes
+    assert len(notes) == bool(note)
+    assert note in "".join(notes)
+    assert read_prescription(tmp_path / file, f_number=8.0).notes == (notes if "focal" in note else ())
+
+
 def test_a_glass_may_be_stated_or_come_from_a_catalogue(tmp_path):
     text = zemax_text().replace("___BLANK 1 0 1.5168 64.17", "HARD7 0 0 1.5 40")
     (tmp_path / "a.zmx").write_text(text)
@@ -221,6 +247,16 @@ def test_a_glass_may_be_stated_or_come_from_a_catalogue(tmp_path):
     for more in (read_glasses(["HARD7=1.5168/64.17"], ()), read_glasses((), [tmp_path / "maker.agf"])):
         lens = read_prescription(tmp_path / "a.zmx", glasses=more)
         assert lens.surfaces[0].glass.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+
+
+def test_a_glass_is_not_another_one_whose_name_begins_alike(tmp_path):
+    """OKP4 is 1.607/27, OKP4HT 1.633/23: it is asked for, although the file lists numbers and OKP4HT is known."""
+    (tmp_path / "a.zmx").write_text(zemax_text().replace("___BLANK 1 0 1.5168 64.17", "OKP4 0 0 1.633 23.3"))
+    other = read_glasses(["OKP4HT=1.633/23.3"], ())
+    error = refusal(read_prescription, tmp_path / "a.zmx", glasses=other)
+    assert_says(error, "surface 1 is of the unknown glass 'OKP4' | --glass OKP4=INDEX/ABBE")
+    lens = read_prescription(tmp_path / "a.zmx", glasses=other | read_glasses(["OKP4=1.607/27"], ()))
+    assert lens.surfaces[0].glass.index(0.5875618) == pytest.approx(1.607)
 
 
 BAD = {
@@ -250,9 +286,18 @@ BAD = {
     "infinite gap": (zemax_text().replace("DISZ 2.0", "DISZ INFINITY"), "surface 2 | thickness of inf"),
     "negative aperture": (zemax_text().replace("ENPD 12", "ENPD -12"), "entrance pupil (mm) is -12"),
     "no aperture": (zemax_text(drop=("ENPD",)), "--f-number"),
+    "f-number of a near object": (
+        zemax_text(drop=("ENPD",), system=["FNUM 4 1"]).replace("INFINITY", "700"), "how wide | --f-number"
+    ),
     "negative semi-diameter": (zemax_text(extra={1: ["  DIAM -4"]}), "semi-diameter of -4"),
     "no field": (zemax_text(drop=("YFLN",)), "--height-mm"),
-    "field of object heights": (zemax_text().replace("FTYP 0", "FTYP 1"), "--height-mm"),
+    "field of object heights": (zemax_text().replace("FTYP 0", "FTYP 1"), "angle or an image height | --height-mm"),
+    "field of another kind": (zemax_text().replace("FTYP 0", "FTYP 4"), "angle or an image height | --height-mm"),
+    "half a field": (zemax_text().replace("FTYP 0 0 2", "FTYP 0 0 1.5"), "1.5 where a count | whole number"),
+    "fields without end": (zemax_text().replace("FTYP 0 0 2", "FTYP 0 0 INFINITY"), "inf where a count"),
+    "1e9 fields": (zemax_text(drop=("XFLN",)).replace("FTYP 0 0 2", "FTYP 0 0 1e9"), "1e+09 where a count"),
+    "no wavelengths": (zemax_text().replace("FTYP 0 0 2 3", "FTYP 0 0 2 0"), "no wavelength 1"),
+    "more wavelengths than it lists": (zemax_text().replace("FTYP 0 0 2 3", "FTYP 0 0 2 4"), "no wavelength 4"),
     "field of 89 degrees": (zemax_text().replace("YFLN 0 5", "YFLN 0 89"), "89°"),
     "no stop": (zemax_text().replace("  STOP\n", ""), "0 surfaces are the stop"),
     "two stops": (zemax_text(extra={1: ["  STOP"]}), "2 surfaces are the stop"),
@@ -264,7 +309,9 @@ BAD = {
     "a temperature of its own": (zemax_text(system=["THIC 3"]), "'THIC' is not known"),
     "a surface without its indentation": (zemax_text().replace("  CURV 0.02", "CURV 0.02"), "'CURV' is not known"),
     "three configurations": (zemax_text() + "MNUM 3 1\n", "3 configurations | save"),
-    "primary light 7": (zemax_text().replace("PWAV 2", "PWAV 7"), "number 7"),
+    "primary light 7": (zemax_text().replace("PWAV 2", "PWAV 7"), "number 7 | 1 to 3"),
+    "primary light 1.5": (zemax_text().replace("PWAV 2", "PWAV 1.5"), "1.5 where a count"),
+    "light without a number": (zemax_text().replace("WAVM 1", "WAVM INFINITY"), "inf where a count"),
     "light of 50 µm": (zemax_text().replace("0.6562725", "50"), "50000"),
     "not sequential": (zemax_text().replace("MODE SEQ", "MODE NSC"), "mode NSC"),
     "unit of furlongs": (zemax_text().replace("UNIT MM", "UNIT FURLONG"), "FURLONG"),
