@@ -122,7 +122,7 @@ def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, times,
 def test_what_gives_a_method_more_time_is_named():
     """A moving scene ends with its recording, or with the slices of all its positions; a resting one does not end."""
     stepper, moving = ClosedLoopProtocol(get_actuator("stepper"), budget_s=0.5), recorded(4000)
-    in_time = "choose an --actuator that sweeps in time (ideal, liquid_lens, liquid_lens_warm, piezo, voice_coil, "
+    in_time = "or take an --actuator that sweeps in time (ideal, liquid_lens, liquid_lens_warm, piezo, voice_coil, "
     too_long = refusal(stepper.count_frames, moving)
     assert too_long.hint.startswith(f"state camera: {{frames: 10000}} in the recipe, {in_time}")
     too_long = refusal(stepper.count_frames, replace(moving, gain=np.ones((10_000, 1), np.float32)))

@@ -197,7 +197,7 @@ def _name_ways_out(capture: Capture, *, needed: int, budget: int) -> str:
         left = budget - drive._count_sweep_frames(hz)
         if left > 0 and drive._count_rest_frames(capture) <= left:
             in_time.append(name)
-    return longer + (f", choose an --actuator that sweeps in time ({', '.join(in_time)})" if in_time else "")
+    return longer + (f", or take an --actuator that sweeps in time ({', '.join(in_time)})" if in_time else "")
 
 
 def _ms(frames: int, hz: float) -> str:
