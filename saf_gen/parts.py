@@ -16,6 +16,9 @@ import numpy as np
 class Light(Protocol):
     """A light schedule: the gain of a light group over the time of a recording.
 
+    With the class attribute ``endless = True``, it goes on after the recording: its methods then take later times too,
+    and a closed loop may last longer than the recording.
+
     Two fields have a meaning in recipes. ``seed``, a whole number, selects the random stream of the schedule; if the
     recipe gives no seed, each sequence gets a different one. ``file`` is a path in the recipe: the file is read and
     passed to the plug-in as ``{"path": ..., "text": ...}``.
@@ -149,6 +152,11 @@ class Measure(Protocol):
             The score.
         """
         ...
+
+
+def is_endless(light: object) -> bool:
+    """Return whether a light schedule goes on after the recording (attribute ``endless``)."""
+    return bool(getattr(light, "endless", False))
 
 
 def wants_frames(measure: object) -> bool:

@@ -161,15 +161,18 @@ def test_without_the_renderer_what_needs_it_says_one_line_and_the_rest_works(tmp
     works = ["recipes check quickstart", "scenes list", "scenes new mine"]
     works.append(f"evaluate {stream} --method sd+argmax --out {tmp_path / 'out'}")
     works.append("evaluate sample --method sd+argmax")
+    works.append("evaluate sample --track closed_loop --method sd+golden_section")
+    works.append("recapture sample --sensor davis346 --sequence usaf_target-constant-00")
     without = f"import sys\nsys.modules['mitsuba'] = sys.modules['drjit'] = None\n{RUN_EACH}"
     done = run_commands(without, [*refused, *works, "generate quickstart --dry-run"], cwd=empty)
     line = "rendering needs the packages mitsuba and drjit; pip install 'saf-gen[render]'"
     *lines, dry_run, last = done.stderr.splitlines()
-    lines = [text for text in lines if not text.startswith("evaluate ")]  # its progress
+    lines = [text for text in lines if not text.startswith(("evaluate ", "record with "))]  # their progress
     assert lines == [*[f"saf-gen: {line}", "exit code 2"] * len(refused), *["exit code 0"] * len(works)]
     assert dry_run.startswith("scenes cannot be rendered here: ")
     assert last == "exit code 0"
     assert "focal stacks to render: usaf_target" in done.stdout.split(AFTER_EACH)[-2]
     assert len((tmp_path / "out/records.jsonl").read_text().splitlines()) == 1
-    assert sorted(path.name for path in empty.iterdir()) == ["sample-evaluation", "scenes"]
+    made = ["sample-davis346", "sample-evaluation", "sample-evaluation-closed-loop", "scenes"]
+    assert sorted(path.name for path in empty.iterdir()) == made
     assert len((empty / "sample-evaluation/records.jsonl").read_text().splitlines()) == 3

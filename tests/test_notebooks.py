@@ -13,7 +13,7 @@ import pytest
 from saf_gen.cli import main
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs/notebooks").glob("*.ipynb"))
-RENDERS = {"3-your-own-light", "4-closed-loop"}
+RENDERS = {"3-your-own-light"}
 
 
 def cells_of(path):

@@ -17,13 +17,14 @@ if TYPE_CHECKING:
 
 
 def recapture_command(
-    dataset: Annotated[Path, typer.Argument(help="Dataset folder with its stacks.")],
+    dataset: Annotated[Path, typer.Argument(help="Dataset folder with its stacks, or sample.")],
     *,
     sensor: Annotated[
         str, typer.Option(help="Sensor of another kind than spikes (saf-gen sensors list), or path of its .yaml file.")
     ] = "davis346",
     folder: Annotated[
-        Path | None, typer.Option("--out", help="Folder to write to (default: DATASET/cameras/SENSOR).")
+        Path | None,
+        typer.Option("--out", help="Folder to write to (default: DATASET/cameras/SENSOR or sample-SENSOR)."),
     ] = None,
     split: Annotated[str | None, typer.Option(help="Record only this split.")] = None,
     sequence: Annotated[list[str] | None, typer.Option(help="Record only this sequence; repeatable.")] = None,
@@ -41,7 +42,10 @@ def recapture_command(
     """
     from saf_gen.stack.recapture import CAMERAS, Recapture
     from saf_gen.stream.manifest import read_manifest
+    from saf_gen.stream.sample_dataset import SAMPLE, is_sample, sample
 
+    of_sample = is_sample(dataset)
+    dataset = sample() if of_sample else dataset
     camera, manifest = Recapture.by(sensor, exposure_us=exposure_us), read_manifest(dataset)
     if split is not None and split not in manifest.splits:
         raise unknown("split", split, allowed=manifest.splits, where=str(dataset))
@@ -50,7 +54,7 @@ def recapture_command(
         if name not in [entry.id for entry in entries]:
             raise unknown("sequence", name, allowed=[entry.id for entry in entries], where=str(dataset))
     entries = [entry for entry in entries if not sequence or entry.id in sequence]
-    target = folder or dataset / CAMERAS / camera.name
+    target = folder or (Path(f"{SAMPLE}-{camera.name}") if of_sample else dataset / CAMERAS / camera.name)
     record_with(camera, dataset, manifest=manifest, entries=entries, target=target)
 
 

@@ -206,6 +206,9 @@ class RenderSettings(FrozenModel):
     estimator: Literal["filtered", "plain"] = "filtered"
     """``filtered`` lets paths share the light that they find on a surface, which leaves a quarter of the grain and a
     small bias; ``plain`` uses each path as it was traced, as ``scalar`` always does."""
+    half_floats: bool = False
+    """Whether pictures of scenes at rest are stored as those of moving scenes always are: as half floats, compressed,
+    which takes a fifth of the space and changes values by at most 0.05 %."""
     per_scene: dict[str, SceneSamples] = Field(default_factory=dict)
     """Scenes with other numbers of samples than the rest, such as those with more grain."""
 
@@ -214,6 +217,8 @@ class RenderSettings(FrozenModel):
         """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
         values = serialize(self)
         del values["per_scene"]
+        if not self.half_floats:
+            del values["half_floats"]
         if self.per_scene:
             own = {name: one.model_dump(mode="json", exclude_none=True) for name, one in self.per_scene.items()}
             values["per_scene"] = own

@@ -5,7 +5,7 @@ needs no renderer, only the stacks, light gains, sensor and seeds of the recordi
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import gcd
 from pathlib import Path
@@ -19,6 +19,8 @@ from saf_gen.camera.kinds import camera_type
 from saf_gen.core.config.json_document import load_plain_json
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
+from saf_gen.parts import is_endless
+from saf_gen.plugins.lights import PRODUCT, Schedule, build_light, group_gains, list_lamps
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.colour import Colour
 from saf_gen.stack.focal_stack import StackSpec
@@ -65,6 +67,10 @@ class Capture:
     lamps : callable
         Returns the integral of the gain of each lamp; raises BadInput if the recording does not say how its light
         changed.
+    light_s : float, default 0.0
+        For how many seconds the schedules of the light run, as long as the recording.
+    schedule : mapping, default {}
+        Light schedules of the recording.
     """
 
     plane_source: PlaneSource
@@ -80,6 +86,8 @@ class Capture:
     optima: Mapping[str, float] = field(default_factory=dict)
     recorder: Any = None
     lamps: Callable[[], Sequence[Integral]] = tuple
+    light_s: float = 0.0
+    schedule: Mapping[str, Schedule] = field(default_factory=dict)
 
     @classmethod
     def from_stream(cls, stream: Recording, stacks: Path) -> "Capture":
@@ -123,7 +131,7 @@ class Capture:
             raise BadInput("frames of a moving scene cannot be captured again", where=where, allowed="scenes at rest")
         slice_frames = tuple(round(s.time_s * stream.readout_hz) for s in specs) if moving else (0,)
         time_stack = TimeResolvedStack(slice_frames, specs)
-        axial_colour, groups = sequence.get("axial_colour"), specs[0].groups
+        axial_colour, groups, light_s = sequence.get("axial_colour"), specs[0].groups, _light_s(stream)
         colour = Colour.find(sequence.get("schedule", {}), groups, sensor=sensor, axial_colour=axial_colour)
         plane_source, frames, slices = PlaneSource.from_folder(time_stack, stacks), len(gain), ""
         if plane_source.digest != provenance["stack_digest"]:
@@ -154,8 +162,46 @@ class Capture:
             colour,
             optima_of_stream(provenance),
             recorder,
-            partial(lamp_integrals, provenance, groups, duration_s=_light_s(stream), where=where),
+            partial(lamp_integrals, provenance, groups, duration_s=light_s, where=where),
+            light_s,
+            sequence.get("schedule", {}),
         )
+
+    @property
+    def end(self) -> str:
+        """Why the camera cannot run longer than ``frames``; '' if it can.
+
+        A scene at rest has no end where the light has none.
+        """
+        if self.plane_source.time_stack.is_moving:
+            return "as long as " + (
+                "was recorded" if self.frames == len(self.gain) else "its time slices hold all focus positions"
+            )
+        if self.truth.track is not None:
+            return "as long as was recorded, because its focus follows the colour of the light"
+        try:
+            stated = [lamp.component for lamp in list_lamps(self.schedule, self._groups) if lamp.component is not None]
+            ending = next((one for one in stated if not is_endless(build_light(one))), None)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return "as long as was recorded, which does not say how its light changed"
+        if ending is None:
+            return ""
+        return f"as long as was recorded, where the light {ending.get('kind', PRODUCT)!r} ends"
+
+    @property
+    def _groups(self) -> tuple[str, ...]:
+        return self.plane_source.time_stack.specs[0].groups
+
+    def lasting(self, frames: int) -> "Capture":
+        """Return the capture with at least this number of readouts, or as it is if it cannot run longer.
+
+        After the recording, the light goes on as its schedules say, and so does the noise.
+        """
+        if frames <= self.frames or self.end:
+            return self
+        hz = self.sensor.readout_hz
+        gain = group_gains(self.schedule, self._groups, frames=frames, readout_hz=hz, duration_s=self.light_s)
+        return replace(self, gain=np.concatenate([self.gain, gain[len(self.gain) :]]), frames=frames)
 
     @property
     def kind(self) -> str:

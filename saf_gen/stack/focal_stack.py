@@ -3,9 +3,10 @@
 On disk a stack is a folder of OpenEXR files. Its name is derived from its content (scene, lens, sensor grid, positions,
 samples), so every sequence that needs it finds it, and nothing is rendered twice. Reading a stack needs no renderer.
 
-The stack of a static scene is stored as float32. Time slices, of which a moving scene has hundreds, are stored as
-float16, compressed without loss in blocks of neighbouring positions. Rounding changes values by at most 0.05 %, far
-less than their noise, and halves the disk space; compression leaves a half to three quarters of that.
+The stack of a static scene is stored as float32. Time slices, of which a moving scene has hundreds, and a stack whose
+recipe says ``half_floats`` are stored as float16, compressed without loss in blocks of neighbouring positions. Rounding
+changes values by at most 0.05 %, far less than their noise, and halves the disk space; compression leaves a half to
+three quarters of that.
 """
 
 import hashlib

@@ -11,8 +11,8 @@ SAMPLE = "sample"
 def sample() -> Path:
     """Return the folder of a small dataset: one scene under three lights, swept through its focus.
 
-    It was made by ``recipes/sample.yaml``: three streams of 1,200 frames of 128 × 128 pixels, ``test/*.h5``, with lens,
-    light and truth, in 2.6 MB. Do not write to it. Its focal stacks are not there, so it has no closed loop.
+    It was made by ``recipes/sample.yaml``: three streams of 640 frames of 128 × 128 pixels, ``test/*.h5``, with lens,
+    light and truth, and their focal stack, in 2.8 MB. Do not write to it.
 
     Returns
     -------
@@ -24,6 +24,11 @@ def sample() -> Path:
     >>> import saf_gen
     >>> with saf_gen.open_stream(saf_gen.sample() / "test/usaf_target-constant-00.h5") as stream:
     ...     print(stream.shape, round(stream.truth.position, 2))
-    (1200, 128, 128) 0.58
+    (640, 128, 128) 0.58
     """
     return shipped_folder("datasets") / SAMPLE
+
+
+def is_sample(name: str | Path) -> bool:
+    """Return whether a name on the command line means the sample: no file or folder here has it."""
+    return str(name) == SAMPLE and not Path(name).exists()

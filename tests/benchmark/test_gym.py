@@ -456,7 +456,7 @@ def test_without_gymnasium_one_line_says_what_to_install():
         ({}, {"options": {"sequence": "x"}}, f"'x' | {PLANE}"),
         ({}, {"options": {"scene": "plane"}}, "'scene' | sequence"),
         ({"control_s": 0.03}, {}, "30 ms, the budget 40 ms | half the budget"),
-        ({"protocol": ClosedLoopProtocol(PROTOCOL.actuator, budget_s=1.0)}, {}, "1000 ms"),
+        ({"protocol": ClosedLoopProtocol(PROTOCOL.actuator, budget_s=30.0)}, {}, "30000 ms | 20000 ms"),
     ],
 )
 def test_an_environment_or_an_episode_that_cannot_be_is_refused(dataset, more, reset, words):

@@ -1,6 +1,8 @@
 """The protocol of the closed loop: frames of budget and sweep, limits of slow actuators, and its description."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from refusals import refusal
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import read_records
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
+from saf_gen.benchmark.view.clock import Clock
 from saf_gen.camera import get_sensor
 from saf_gen.errors import BadInput
 from saf_gen.optics.actuators import ActuatedLens, actuator_names, get_actuator
@@ -20,9 +23,9 @@ STEPPER_RESTS = 3040  # frames from the middle until it rests at an end
 
 
 def recorded(frames):
-    """Return a capture of this number of frames at 20 kHz, without a scene."""
-    gain = np.ones((frames, 1), np.float32)
-    return Capture(None, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth(), len(gain))
+    """Return a capture of this number of frames at 20 kHz, of a scene that moves."""
+    gain, stacks = np.ones((frames, 1), np.float32), SimpleNamespace(time_stack=SimpleNamespace(is_moving=True))
+    return Capture(stacks, get_sensor("vidar_400x250"), gain, 1.0, 1, 1, Truth(), len(gain))
 
 
 @pytest.fixture
@@ -112,8 +115,31 @@ def test_a_sweep_that_shows_a_part_of_the_travel_is_refused(name, frames, times,
     error = refusal(protocol.check_sweep, capture)
     assert problem in error.problem
     assert all(time in error.allowed for time in allowed)
-    assert "--actuator" in error.hint
+    assert ("--actuator" in error.hint) == (frames > 16)  # in 0.8 ms nothing sweeps
     assert protocol.describe(capture).endswith("no sweep")
+
+
+def test_what_gives_a_method_more_time_is_named():
+    """A moving scene ends with its recording, or with the slices of all its positions; a resting one does not end."""
+    stepper, moving = ClosedLoopProtocol(get_actuator("stepper"), budget_s=0.5), recorded(4000)
+    in_time = "or take an --actuator that sweeps in time (ideal, liquid_lens, liquid_lens_warm, piezo, voice_coil, "
+    too_long = refusal(stepper.count_frames, moving)
+    assert too_long.hint.startswith(f"state camera: {{frames: 10000}} in the recipe, {in_time}")
+    too_long = refusal(stepper.count_frames, replace(moving, gain=np.ones((10_000, 1), np.float32)))
+    assert too_long.hint.startswith("state render: {whole_slices: 0.5} in the recipe, ")
+    at_rest = SimpleNamespace(time_stack=SimpleNamespace(is_moving=False, specs=[SimpleNamespace(groups=("lamp",))]))
+    resting = replace(moving, plane_source=at_rest, light_s=0.2)
+    assert stepper.count_frames(resting.lasting(stepper.longest_frames(resting)))[0] == 10_000
+    slow = refusal(ClosedLoopProtocol(get_actuator("stepper")).check_sweep, resting)
+    assert slow.hint.startswith(f"choose a --budget of 409.55 or more, {in_time}")
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "budget"),
+    [("voice_coil", 800, 800), ("voice_coil", 640, 20_000), ("stepper", 4000, 20_000), ("hand", 4000, 100_830)],
+)
+def test_a_recording_too_short_for_a_sweep_is_followed_by_the_time_for_one(name, frames, budget):
+    assert ClosedLoopProtocol(get_actuator(name)).usual_frames(frames, Clock(20_000.0)) == budget
 
 
 @pytest.mark.parametrize("value", [1e308, 86_401.0, math.nan, 0.0, -1.0])
@@ -135,7 +161,7 @@ def test_records_distinguish_a_users_drive_from_the_preset_of_its_name():
 def test_a_slow_drive_runs_methods_that_command_it_and_no_sweep(recording, tmp_path, call):
     """In recordings of 40 ms sweeps are refused before any method runs, and nothing is written."""
     loop = ["evaluate", recording, "--track", "closed_loop", "--actuator", "stepper"]
-    loop += ["--method", "sd+golden_section", "--out", tmp_path / "out"]
+    loop += ["--budget", 40, "--method", "sd+golden_section", "--out", tmp_path / "out"]
     code, _, message = call(*loop, "--method", "sd+argmax")
     assert code == 2
     assert "the actuator stepper needs 409.55 ms for a sweep" in message

@@ -232,8 +232,8 @@ FAULTS = {
         (
             Change(
                 "plugins.lights._product",
-                "[_breaks(factor, duration_s) for factor in self.factors]",
-                "[_breaks(factor, duration_s) for factor in self.factors[:1]]",
+                "for time_s in {duration_s, end_s} for factor in self.factors]",
+                "for time_s in {duration_s, end_s} for factor in self.factors[:1]]",
             ),
         ),
         (

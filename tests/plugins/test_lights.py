@@ -14,7 +14,9 @@ from saf_gen.camera import get_sensor
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.generate.record import Recorder
-from saf_gen.plugins.lights import gains_at_readouts, group_gains
+from saf_gen.parts import is_endless
+from saf_gen.plugins.lights import build_light, gains_at_readouts, group_gains
+from saf_gen.plugins.lights._gains import scale_light
 from saf_gen.stack.focal_stack import FocalStack
 from saf_gen.stack.time_resolved import PlaneSource
 
@@ -30,6 +32,8 @@ EXAMPLES = {
     "sine": {"hz": 3.0, "swing": 0.4, "phase": 1.0},
     "steps": {"every_s": 0.1, "levels": [1.0, 0.4, 2.0]},
 }
+FLICKERING = {"kind": "flicker", "depth": 0.6, "hz": 10.0}
+RISING = {"kind": "ramp", "from": 0.5, "to": 2.0}
 RECTIFIED = [(-1) ** (n + 1) * 3 / (4 * n**2 - 1) for n in range(1, 41)]  # |cos| of half the frequency
 
 
@@ -42,6 +46,30 @@ def instantaneous(light, seconds, duration_s=1.0):
     seconds = np.asarray(seconds, dtype=float)
     after = light.integral(seconds + 1e-8, duration_s) - light.integral(seconds, duration_s)
     return after / 1e-8
+
+
+@pytest.mark.parametrize("name", [*EXAMPLES, "product"])
+def test_a_light_goes_on_after_the_recording_and_the_recorded_gains_stay(name):
+    light = light_of(name) if name != "product" else build_light({"product": [FLICKERING, RISING]})
+    assert is_endless(light)
+    recorded = gains_at_readouts(light, 1000, readout_hz=2000.0)
+    longer = gains_at_readouts(light, 3000, readout_hz=2000.0, duration_s=0.5)
+    assert np.array_equal(longer[:1000], recorded)
+    if name == "ramp":
+        assert set(longer[1000:]) == {np.float32(2.0)}
+    elif name == "product":  # the ramp has ended at 2
+        expected = 2 * gains_at_readouts(build_light(FLICKERING), 3000, readout_hz=2000.0)[1000:]
+        assert longer[1000:] == pytest.approx(expected, abs=1e-5)
+    else:
+        assert np.array_equal(longer, gains_at_readouts(light, 3000, readout_hz=2000.0))
+
+
+def test_a_light_of_a_user_ends_with_the_recording_unless_it_says_otherwise():
+    class Lamp:
+        pass
+
+    assert not is_endless(Lamp())
+    assert not is_endless(scale_light(Lamp(), offset=0.5))
 
 
 def test_every_registered_light_has_an_example_here():

@@ -15,7 +15,9 @@ from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
 
 
 def live_command(
-    scene: Annotated[str, typer.Argument(help="A scene, a dataset folder with its stacks, or one of its streams.")],
+    scene: Annotated[
+        str, typer.Argument(help="sample, a scene, a dataset folder with its stacks, or one of its streams.")
+    ],
     *,
     region: Annotated[str, typer.Option(help="Pixels that are read out: target or frame.")] = "target",
     actuator: Annotated[str, typer.Option(help="Drive of the lens: a name or a .yaml file.")] = "voice_coil",
@@ -73,7 +75,7 @@ def _has_screen() -> bool:
 COMMANDS = {
     "live": Command(
         live_command,
-        examples=("live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
+        examples=("live sample", "live usaf_target", "live datasets/quickstart --no-browser --port 8000"),
         panel=Panel.EVALUATE,
         stopped=FINISHED_WORK_IS_KEPT,
     )

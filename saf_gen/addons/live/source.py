@@ -10,13 +10,12 @@ from saf_gen import __version__
 from saf_gen.benchmark.tracks.tasks import check_stream, select_sequences_to_evaluate
 from saf_gen.core.execution import ReportProgress
 from saf_gen.core.files import write_text
-from saf_gen.errors import BadInput
 from saf_gen.generate.plan import make_plan
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import run_plan
 from saf_gen.scene.scene_folder import find_scene
 from saf_gen.stack.capture import Capture
-from saf_gen.stream.sample_dataset import SAMPLE
+from saf_gen.stream.sample_dataset import is_sample, sample
 from saf_gen.stream.stream_file import open_stream
 
 SENSOR = "vidar_400x250"
@@ -46,8 +45,8 @@ def open_capture(
     Parameters
     ----------
     source : str or Path
-        A dataset folder, whose first recording is taken; a stream of a dataset; or the name of a scene. The scene is
-        rendered at rest, and kept in the user's cache folder. All others need no renderer.
+        A dataset folder, whose first recording is taken, or ``sample``; a stream of a dataset; or the name of a scene.
+        The scene is rendered at rest, and kept in the user's cache folder. All others need no renderer.
     sensor : str, default 'vidar_400x250'
         Name or file of the sensor in front of a scene; a recording has its own.
     samples : int, default 64
@@ -63,13 +62,7 @@ def open_capture(
         If there is no such dataset, stream or scene, if the focal stacks of a recording are missing, or if a scene
         cannot be rendered here.
     """
-    path = Path(source)
-    if str(source) == SAMPLE and not path.exists():
-        raise BadInput(
-            "the sample comes without its focal stacks",
-            allowed="a scene, or a dataset with its stacks",
-            hint="its scene is usaf_target: saf-gen live usaf_target",
-        )
+    path = sample() if is_sample(source) else Path(source)
     if not (path.exists() or path.suffix == ".h5" or path.name != str(source)):
         path = _render(str(source), sensor=sensor, samples=samples, report=report, tell=tell)
     task = select_sequences_to_evaluate(path, split="all" if path.is_dir() else None).tasks[0]

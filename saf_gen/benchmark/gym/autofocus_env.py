@@ -146,7 +146,7 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Return a sequence that is ready to be captured, from memory if it is among the last ``keep`` used."""
         if task.id not in self._sequences:
             with open_stream(task.path) as stream:
-                found = ClosedLoopSequence.from_stream(task, stream, region=self.region)
+                found = ClosedLoopSequence.from_stream(task, stream, region=self.region, protocol=self.protocol)
             while len(self._sequences) >= self._max_sequences:
                 self._sequences.popitem(last=False)
             self._sequences[task.id] = found

@@ -60,13 +60,17 @@ class ClosedLoopSequence:
     data: str
 
     @classmethod
-    def from_stream(cls, task: SequenceTask, stream: Recording, *, region: str) -> "ClosedLoopSequence":
-        """Return the sequence of an open stream.
+    def from_stream(
+        cls, task: SequenceTask, stream: Recording, *, region: str, protocol: ClosedLoopProtocol | None = None
+    ) -> "ClosedLoopSequence":
+        """Return the sequence of an open stream, for as long as the budget of a protocol where it has no end.
 
         Raises BadInput if the stream is not the one that the manifest names, or if it cannot be captured again.
         """
         check_stream(task, stream)
         capture = Capture.from_stream(stream, Path(str(task.path)).parent.parent / "stacks")
+        if protocol is not None:
+            capture = capture.lasting(protocol.longest_frames(capture))
         data = stream.content_sha256
         if capture.slices:
             data = hashlib.sha256(f"{data} {capture.slices}".encode()).hexdigest()
@@ -135,7 +139,7 @@ def evaluate_closed_loop(
     """
     records, paths = [], []
     with open_recording(task.path) as stream:
-        sequence = ClosedLoopSequence.from_stream(task, stream, region=region)
+        sequence = ClosedLoopSequence.from_stream(task, stream, region=region, protocol=protocol)
         what = sequence.describe(stream, protocol, region=rate_region)
     if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep
         protocol.check_sweep(sequence.capture)

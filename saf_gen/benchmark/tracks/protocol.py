@@ -8,7 +8,7 @@ from functools import lru_cache
 from saf_gen.benchmark.view.clock import Clock, clock_of
 from saf_gen.benchmark.view.running_camera import REST_TOLERANCE
 from saf_gen.errors import BadInput
-from saf_gen.optics.actuators import ActuatedLens, Actuator
+from saf_gen.optics.actuators import ActuatedLens, Actuator, actuator_names, get_actuator
 from saf_gen.stack.capture import Capture
 
 MIN_FRAMES = 16
@@ -16,6 +16,10 @@ MIN_FRAMES = 16
 MAX_RATE = 1e15
 MAX_DURATION_S = 86_400.0
 """Longest budget or sweep, in seconds: one day, which is longer than any recording but safe to convert to frames."""
+USUAL_S = 1.0
+"""Usual budget, in seconds, where a recording without an end is too short for a sweep."""
+MAX_ENDLESS_S = 20.0
+"""Longest budget, in seconds, beyond a recording without an end; all readouts of a region are kept in memory."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +31,8 @@ class ClosedLoopProtocol:
     actuator : Actuator
         Motor that moves the lens.
     budget_s : float, optional
-        Time until the lens is judged, in seconds, above 0. By default it is the longest time for which the recording
-        can be captured again.
+        Time until the lens is judged, in seconds, above 0. By default it is the length of the recording, and a second
+        or more if the actuator cannot sweep within it; for a moving scene, as long as it can be captured again.
     sweep_s : float, optional
         Duration of a sweep from end to end, in seconds, for searches that need one. By default it is half the budget,
         but at least what the actuator needs, and at most what is left after the lens has come to rest at the start of
@@ -56,6 +60,20 @@ class ClosedLoopProtocol:
         if rate is not None and not 1 <= rate <= MAX_RATE:
             raise BadInput(f"{rate:g} operations per second", allowed=f"1 to {MAX_RATE:g}")
 
+    def longest_frames(self, capture: Capture) -> int:
+        """Return how many readouts the budget asks a capture for, at most those of MAX_ENDLESS_S."""
+        if self.budget_s is None:
+            return self.usual_frames(capture.frames, clock_of(capture))
+        return round(min(self.budget_s, MAX_ENDLESS_S) * capture.sensor.readout_hz)
+
+    def usual_frames(self, frames: int, clock: Clock) -> int:
+        """Return the usual budget for a recording of this length without an end, in readouts.
+
+        It is the length of the recording; if the actuator cannot sweep within it, a second or twice what it needs.
+        """
+        needed = self._count_sweep_frames(clock.readout_hz) + _simulate_rest_frames(self.actuator, clock)
+        return frames if needed <= frames else max(round(USUAL_S * clock.readout_hz), 2 * needed)
+
     def count_frames(self, capture: Capture) -> tuple[int, int]:
         """Return the number of frames of the budget and of a sweep.
 
@@ -80,11 +98,13 @@ class ClosedLoopProtocol:
         hz = capture.sensor.readout_hz
         budget = capture.frames if self.budget_s is None else round(self.budget_s * hz)
         if not MIN_FRAMES <= budget <= capture.frames:
-            is_full_length = capture.frames == len(capture.gain)
-            why = "as long as was recorded" if is_full_length else "as long as its time slices hold all focus positions"
+            end = capture.end
             raise BadInput(
                 f"a budget of {_ms(budget, hz)} ms",
-                allowed=f"{_ms(MIN_FRAMES, hz)} to {_ms(capture.frames, hz)} ms, {why}",
+                allowed=f"{_ms(MIN_FRAMES, hz)} to {_ms(capture.frames, hz)} ms{end and ', '}{end}",
+                hint=_name_ways_out(capture, needed=budget, budget=capture.frames)
+                if end and budget > MIN_FRAMES
+                else "",
             )
         if self.sweep_s is None:
             sweep = max(budget // 2, self._count_sweep_frames(hz))
@@ -112,7 +132,8 @@ class ClosedLoopProtocol:
                 f"the actuator {self.actuator.label} needs {_ms(rest_frames + min_sweep, hz)} ms for a sweep: "
                 f"{_ms(rest_frames, hz)} until it rests where the sweep begins, {_ms(min_sweep, hz)} from end to end",
                 allowed=f"at most the budget of {_ms(budget, hz)} ms",
-                hint="record longer, choose a faster --actuator, or run only methods that command the lens",
+                hint=_name_ways_out(capture, needed=rest_frames + min_sweep, budget=budget)
+                + ", or run only methods that command the lens",
             )
         if not min_sweep <= sweep <= max_sweep:
             raise BadInput(
@@ -159,6 +180,24 @@ def _simulate_rest_frames(actuator: Actuator, clock: Clock) -> int:
         lens.run(step * clock.steps)
         frames += step
     return frames
+
+
+def _name_ways_out(capture: Capture, *, needed: int, budget: int) -> str:
+    """Return what gives a method the frames that it needs, and the drives that sweep within the budget, in frames."""
+    hz = capture.sensor.readout_hz
+    if not capture.end:
+        longer = f"choose a --budget of {_ms(needed, hz)} or more"
+    elif needed <= len(capture.gain):
+        longer = f"state render: {{whole_slices: {needed / hz:g}}} in the recipe"
+    else:
+        longer = f"state camera: {{frames: {needed}}} in the recipe"
+    in_time = []
+    for name in actuator_names():
+        drive = ClosedLoopProtocol(get_actuator(name))
+        left = budget - drive._count_sweep_frames(hz)
+        if left > 0 and drive._count_rest_frames(capture) <= left:
+            in_time.append(name)
+    return longer + (f", or take an --actuator that sweeps in time ({', '.join(in_time)})" if in_time else "")
 
 
 def _ms(frames: int, hz: float) -> str:

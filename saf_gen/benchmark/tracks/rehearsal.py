@@ -72,17 +72,20 @@ def describe_short_budget(path: str | Path, methods: Iterable[Method], *, protoc
         return ""
     try:
         with open_stream(path) as stream:
-            hz, length_s = stream.readout_hz, stream.shape[0] / stream.readout_hz
+            hz, frames = stream.readout_hz, stream.shape[0]
     except SafGenError:
         return ""
-    budget_s = min(protocol.budget_s or length_s, length_s)
+    budget_s = protocol.budget_s or protocol.usual_frames(frames, Clock(hz)) / hz
     needed = {name: seconds_needed(search, protocol.actuator, readout_hz=hz) for name, search in searches.items()}
     short = [
         f"{name} needs {'over ' if seconds == math.inf else ''}{1e3 * min(seconds, LONGEST_S):.0f}"
         for name, seconds in needed.items()
         if seconds > budget_s
     ]
-    return f"{1e3 * budget_s:g} ms with {protocol.actuator.label}: {', '.join(short)}" if short else ""
+    if not short:
+        return ""
+    wanted = math.ceil(10 * min(max(needed.values()), LONGEST_S)) * 100
+    return f"{1e3 * budget_s:g} ms with {protocol.actuator.label}: {', '.join(short)}; for example --budget {wanted}"
 
 
 def _is_shipped(search: Search) -> bool:

@@ -12,7 +12,7 @@ from saf_gen.core.config.components import Component
 from saf_gen.core.config.ranges import range_extremes
 from saf_gen.core.spectrum import check_spectrum
 from saf_gen.errors import BadInput, closest, unknown
-from saf_gen.parts import Light
+from saf_gen.parts import Light, is_endless
 from saf_gen.plugins.lights._groups import ROLES
 from saf_gen.plugins.lights._lamps import PRODUCT, Schedule, list_lamps
 from saf_gen.plugins.lights._product import multiply
@@ -171,13 +171,18 @@ class _ScaledLight:
     offset: float
     unit_gain: float
 
+    @property
+    def endless(self) -> bool:
+        """Whether the schedule goes on after the recording."""
+        return is_endless(self.light)
+
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
         steady = self.offset * np.asarray(seconds, dtype=np.float64)
         return (self.light.integral(seconds, duration_s) + steady) / self.unit_gain
 
 
-def gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.ndarray:
+def gains_at_readouts(light: Light, frames: int, *, readout_hz: float, duration_s: float | None = None) -> np.ndarray:
     """Return the mean gain of each readout.
 
     Gains are means over a readout instead of samples, as on a sensor that integrates: a lamp that flickers at 100 Hz
@@ -191,6 +196,8 @@ def gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.nda
         Number of readouts.
     readout_hz : float
         Readouts per second.
+    duration_s : float, optional
+        Length of the recording, in seconds, if it has fewer readouts than these; the light must then be endless.
 
     Returns
     -------
@@ -203,7 +210,8 @@ def gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.nda
         If the gain falls below 0.
     """
     edges = np.arange(frames + 1) / readout_hz
-    integral = registry.sample_function(light, light.integral, seconds=edges, duration_s=frames / readout_hz)
+    recorded_s = frames / readout_hz if duration_s is None else duration_s
+    integral = registry.sample_function(light, light.integral, seconds=edges, duration_s=recorded_s)
     gains = np.diff(integral) * readout_hz
     if not gains.min() >= -1e-9:
         raise BadInput(f"the gain of {light!r} falls to {gains.min():.3g}", allowed="gains of 0 or more")
@@ -211,7 +219,12 @@ def gains_at_readouts(light: Light, frames: int, *, readout_hz: float) -> np.nda
 
 
 def group_gains(
-    schedule: Mapping[str, Schedule], groups: Sequence[str], *, frames: int, readout_hz: float
+    schedule: Mapping[str, Schedule],
+    groups: Sequence[str],
+    *,
+    frames: int,
+    readout_hz: float,
+    duration_s: float | None = None,
 ) -> np.ndarray:
     """Return the mean gain of each readout for each light group, or each lamp of :func:`list_lamps`.
 
@@ -225,6 +238,8 @@ def group_gains(
         Number of readouts.
     readout_hz : float
         Readouts per second.
+    duration_s : float, optional
+        Length of the recording, in seconds, as of :func:`gains_at_readouts`.
 
     Returns
     -------
@@ -251,7 +266,7 @@ def group_gains(
         if component is not None:
             light = build_light(component)
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow raises BadInput below
-                gains[:, g] = gains_at_readouts(light, frames, readout_hz=readout_hz)
+                gains[:, g] = gains_at_readouts(light, frames, readout_hz=readout_hz, duration_s=duration_s)
             if not np.isfinite(gains[:, g]).all():
                 raise BadInput(
                     f"the gain of {light!r} is too large to be recorded",

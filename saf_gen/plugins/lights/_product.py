@@ -9,7 +9,7 @@ import numpy as np
 from saf_gen.core.config import registry
 from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput
-from saf_gen.parts import Light, LightFactor
+from saf_gen.parts import Light, LightFactor, is_endless
 from saf_gen.plugins.lights._breaks import MAX_PIECES
 from saf_gen.plugins.lights.constant import Constant
 
@@ -50,9 +50,14 @@ class Product:
     """
 
     factors: tuple[LightFactor, ...]
-    _tables: dict[float, tuple[np.ndarray, np.ndarray]] = field(
+    _tables: dict[tuple[float, float], tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+
+    @property
+    def endless(self) -> bool:
+        """Whether all factors go on after the recording."""
+        return all(map(is_endless, self.factors))
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds.
@@ -68,26 +73,29 @@ class Product:
             return level * seconds
         if len(others) == 1:
             return level * others[0].integral(seconds, duration_s)
-        edges, cumulative = self._table(duration_s)
+        edges, cumulative = self._table(duration_s, end_s=float(seconds.max(initial=duration_s)))
         times = seconds.ravel()
         piece = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, len(edges) - 2)
         since = self._integrals(edges[piece], times, duration_s=duration_s)
         return (level * (cumulative[piece] + since)).reshape(seconds.shape)
 
-    def _table(self, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the edges of the pieces, and the integral from 0 to each, for constant factors of 1."""
-        if duration_s not in self._tables:
-            breaks = np.concatenate([_breaks(factor, duration_s) for factor in self.factors])
-            within = breaks[(breaks > 0) & (breaks < duration_s)]
+    def _table(self, duration_s: float, *, end_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the edges of the pieces until ``end_s``, and the integral from 0 to each, for constant factors of 1.
+
+        After the recording there are also its own breaks, such as the end of a ramp that takes all of it.
+        """
+        if (duration_s, end_s) not in self._tables:
+            breaks = [_breaks(factor, time_s) for time_s in {duration_s, end_s} for factor in self.factors]
+            within = np.concatenate(breaks)
+            within = within[(within > 0) & (within < end_s)]
             if within.size > MAX_PIECES:
                 raise BadInput(
-                    f"a product has {within.size:,} pieces in a recording of {duration_s:g} s",
-                    allowed=f"at most {MAX_PIECES:,}",
+                    f"a product has {within.size:,} pieces in {end_s:g} s", allowed=f"at most {MAX_PIECES:,}"
                 )
-            edges = np.unique(np.concatenate(([0.0], within, [duration_s])))
+            edges = np.unique(np.concatenate(([0.0], within, [end_s])))
             pieces = self._integrals(edges[:-1], edges[1:], duration_s=duration_s)
-            self._tables[duration_s] = edges, np.concatenate(([0.0], np.cumsum(pieces)))
-        return self._tables[duration_s]
+            self._tables[duration_s, end_s] = edges, np.concatenate(([0.0], np.cumsum(pieces)))
+        return self._tables[duration_s, end_s]
 
     def _integrals(self, begin: np.ndarray, end: np.ndarray, *, duration_s: float) -> np.ndarray:
         """Return the integral from each begin to each end (n,), between which no factor jumps or bends."""

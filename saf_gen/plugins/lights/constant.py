@@ -12,6 +12,8 @@ from saf_gen.errors import BadInput
 class Constant:
     """The gain is ``level`` throughout the recording; at 0, the lamp is off."""
 
+    endless = True
+
     level: float = 1.0
     """Gain, 0 or more: the gain throughout the recording; at 0, the lamp is off."""
 

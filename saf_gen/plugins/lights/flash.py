@@ -17,6 +17,8 @@ class Flash:
     highest at t = rise_s·ln(1 + q), where it is q/(1 + q)^(1 + 1/q).
     """
 
+    endless = True
+
     at_s: float
     """Seconds, 0 or more: the time at which the flash begins."""
     peak: float

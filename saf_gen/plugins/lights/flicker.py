@@ -21,6 +21,8 @@ class Flicker:
     begins at a crest of the fundamental.
     """
 
+    endless = True
+
     depth: float
     """0 to 1: modulation depth, (highest − lowest)/(highest + lowest)."""
     hz: float = 100.0

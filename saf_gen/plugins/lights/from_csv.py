@@ -19,6 +19,8 @@ class FromCsv:
     the recipe, and passed to this class as ``{"path": ..., "text": ...}``.
     """
 
+    endless = True
+
     file: Mapping[str, str] = field(repr=False)
     """Path of a CSV file with ``time_s``, ``gain``: the gain is interpolated linearly between these points."""
 

@@ -17,6 +17,8 @@ class Pwm:
     at 0 the recording begins when the light is switched on.
     """
 
+    endless = True
+
     hz: float
     """Hz, above 0: periods per second."""
     duty: float

@@ -15,6 +15,8 @@ class Ramp:
     If ``over_s`` is not given, the change takes the entire recording.
     """
 
+    endless = True
+
     from_: float
     """Gain, 0 or more: the gain at the beginning of the recording."""
     to: float

@@ -29,6 +29,8 @@ class RandomWalk:
     doi:10.1103/PhysRev.36.823.
     """
 
+    endless = True
+
     sd: float
     """Logarithm of gain, 0 to 3: the standard deviation after one second, or at all times if ``return_s`` is given."""
     return_s: float | None = None
@@ -52,12 +54,12 @@ class RandomWalk:
 
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
-        times, gains = self._points(duration_s)
+        times, gains = self._points(np.max(seconds, initial=duration_s))
         return integrate_gain(seconds, times=times, gains=gains)
 
     def gain(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the gain at each time."""
-        times, gains = self._points(duration_s)
+        times, gains = self._points(np.max(seconds, initial=duration_s))
         return np.interp(seconds, times, gains)
 
     def breaks(self, duration_s: float) -> np.ndarray:

@@ -13,6 +13,8 @@ from saf_gen.plugins.lights._breaks import repeated_breaks
 class Sine:
     """The gain is ``level`` · (1 + ``swing`` · sin(2π · ``hz`` · t + ``phase``)), phase in radians."""
 
+    endless = True
+
     hz: float
     """Hz, above 0: the frequency of the gain, level·(1 + swing·sin(2π·hz·t + phase))."""
     swing: float = 0.5

@@ -18,6 +18,8 @@ class Steps:
     ``every_s`` is at least 1 µs, so that all steps of a recording fit into memory.
     """
 
+    endless = True
+
     every_s: float
     """Seconds, 1e-6 or more: the time between two changes."""
     levels: tuple[float, ...]
@@ -32,7 +34,7 @@ class Steps:
     def integral(self, seconds: np.ndarray, duration_s: float) -> np.ndarray:
         """Return the integral of the gain from 0 to each time, in seconds."""
         seconds = np.asarray(seconds, dtype=np.float64)
-        count = int(np.ceil(duration_s / self.every_s)) + 1
+        count = int(np.ceil(seconds.max(initial=duration_s) / self.every_s)) + 1
         levels = np.resize(np.asarray(self.levels, dtype=np.float64), count)
         knots = np.arange(count + 1) * self.every_s
         return np.interp(seconds, knots, np.concatenate(([0.0], np.cumsum(levels) * self.every_s)))
