@@ -374,19 +374,36 @@ def index_command(
     *,
     split: Annotated[str, typer.Option(help="Split of the recordings that are directly in the folder.")] = "test",
 ) -> None:
-    """Write a manifest for a folder of recordings, which makes it a dataset for `saf-gen evaluate`."""
-    from saf_gen.stream.dataset import index_folder, is_hidden
+    """Write a manifest for a folder of recordings, which makes it a dataset for `saf-gen evaluate`.
+
+    A recording's name, SCENE-LIGHT-NUMBER, tells its scene and light.
+    """
+    from saf_gen.stream.dataset import UNNAMED_LIGHT, index_folder, is_hidden
     from saf_gen.stream.frame_file import METHOD_OF_FRAMES
     from saf_gen.stream.recordings import open_recording
+    from saf_gen.stream.sharing.fetching import is_plain_path
 
+    names = {file.relative_to(folder).as_posix(): is_hidden(file, folder) for file in sorted(folder.rglob("*.h5"))}
+    if hidden := [name for name, is_left_out in names.items() if is_left_out]:
+        err.print(escape_controls(f"left out, because hidden: {_some(hidden)}"), soft_wrap=True)
+    if unsafe := [name for name, is_left_out in names.items() if not (is_left_out or is_plain_path(name))]:
+        told = f"names that some systems cannot hold; rename them before you publish: {_some(unsafe)}"
+        err.print(escape_controls(told), soft_wrap=True)
     manifest = index_folder(folder, split=split)
-    if hidden := sorted(str(file.relative_to(folder)) for file in folder.rglob("*.h5") if is_hidden(file, folder)):
-        err.print(escape_controls(f"left out, because hidden: {', '.join(hidden)}"), soft_wrap=True)
+    unlit = [entry.file for entry in manifest.sequences if entry.light == UNNAMED_LIGHT]
+    if unlit and len(manifest.sequences) > 1:
+        told = f"names that tell no light, as desk-sun-01.h5 does; each is a scene of its own: {_some(unlit)}"
+        err.print(escape_controls(told), soft_wrap=True)
     splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
     size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
     with open_recording(folder / manifest.sequences[0].file) as first:
         method = f" {METHOD_OF_FRAMES}" if first.form == "frames" else ""
     out.print(f"{size}; next: {manifest.next_command(folder)}{method}", soft_wrap=True)
+
+
+def _some(names: list[str]) -> str:
+    """Return the first names, and how many others there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
