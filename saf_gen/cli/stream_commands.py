@@ -411,26 +411,24 @@ def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")]
 
     This is its length, rates, light, lens and true focus.
     """
-    from saf_gen.stream.description import describe_content, describe_events, describe_frames, describe_provenance
+    from saf_gen.stream import description
     from saf_gen.stream.event_file import has_events, open_events
     from saf_gen.stream.frame_file import has_frames, open_frames
     from saf_gen.stream.stream_file import open_stream
 
+    opener: Any = open_stream
+    describe: Any = description.describe_content
     if has_events(stream):
-        with open_events(stream) as events:
-            path, content, provenance = str(events.path), describe_events(events), describe_provenance(events)
+        opener, describe = open_events, description.describe_events
     elif has_frames(stream):
-        with open_frames(stream) as frames:
-            path, content, provenance = str(frames.path), describe_frames(frames), describe_provenance(frames)
-    else:
-        with open_stream(stream) as opened:
-            path, content, provenance = str(opened.path), describe_content(opened), describe_provenance(opened)
-    if as_json:
-        print_json(content | provenance)
-        return
-    print_facts(content, title=path)
-    out.print()
-    print_facts(provenance, title="how it was made")
+        opener, describe = open_frames, description.describe_frames
+    with opener(stream) as opened:
+        if as_json:
+            print_json(description.describe_in_numbers(opened))
+            return
+        print_facts(describe(opened), title=str(opened.path))
+        out.print()
+        print_facts(description.describe_provenance(opened), title="how it was made")
 
 
 def view_command(
