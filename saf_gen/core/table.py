@@ -14,6 +14,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, Literal
 
 from saf_gen.core.plain_text import escape_latex, escape_markdown
+from saf_gen.errors import escape_controls
 
 UNKNOWN = "–"
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -175,7 +176,12 @@ def _escape_heading(header: str) -> str:
 
 
 def _format_csv_line(cells: Iterable[Any]) -> str:
-    safe = (f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA_STARTS) else cell for cell in cells)
+    def safe(cell: Any) -> Any:
+        if not isinstance(cell, str):
+            return cell
+        return "'" * cell.startswith(FORMULA_STARTS) + escape_controls(cell, keep="\t\r\n")
+
     line = io.StringIO()
-    csv.writer(line, lineterminator="\r\n").writerow(safe)  # it quotes a line break only if it ends its lines so
+    # It quotes a line break only if it ends its lines so.
+    csv.writer(line, lineterminator="\r\n").writerow(map(safe, cells))
     return line.getvalue().removesuffix("\r\n") + "\n"
