@@ -53,7 +53,8 @@ def merge_command(
             written = write_evaluation(folder, board, title=folder.resolve().name)
     splits = dict.fromkeys(record.what.split for record in board.records if record.what.split is not None)
     title = f"{board.size}, {plural(len(runs), 'evaluation')}{f', {name_splits(splits)}' if splits else ''}"
-    print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
+    names = board.names if board.printed is board.ranking else {}
+    print_leaderboard(replace(board.printed, title=title), names=names, notes=board.notes, lead=board.lead)
     if written is not None:
         print_written(written)
 

@@ -21,6 +21,7 @@ SHADES = " .:-=+*#%@"
 PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
 SMALL_COLUMNS = 32
 """Columns of a picture that is one of several."""
+ANSWER = "answer"
 BIT_NAMES = {"lsb": "least significant", "msb": "most significant"}
 Size = Annotated[str | None, typer.Option(help="Columns x rows of raw frames without gaps: 600x400.")]
 Bits = Annotated[str | None, typer.Option("--bits", help="First value in a byte: lsb or msb.")]
@@ -450,6 +451,10 @@ def view_command(
     every: Annotated[
         int | None, typer.Option(min=1, help="Frames from one picture to the next (default: evenly spaced).")
     ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(help="answer: where measures agree, or both places, by the evaluation that lies beside it."),
+    ] = None,
     measure: Annotated[list[str] | None, typer.Option(help="Focus measure whose curve is drawn; repeatable.")] = None,
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif and .html.")] = 12.0,
@@ -463,7 +468,16 @@ def view_command(
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
+    if at not in (None, ANSWER):
+        raise unknown("place", at, allowed=[ANSWER], hint="--from and --to state frames")
+    if at is not None and (first or stop or every):
+        raise BadInput("--at is given with --from, --to or --every", hint="leave them out: --at says which frames")
     with open_recording(stream) as opened:
+        agreement = None
+        if at is not None:
+            from saf_gen.leaderboard.agreement import read_agreement
+
+            agreement = read_agreement(stream, opened.content_sha256)
         for name in measure or ():
             if misfit := measure_misfit(name, opened.counted, form=opened.form):
                 raise misfit
@@ -475,6 +489,7 @@ def view_command(
             first=first,
             stop=stop,
             every=every,
+            at=[place.frame for place in agreement.places] if agreement else (),
             measures=measure or (),
             find_measure=admit_measure,
             region=region,
@@ -482,6 +497,8 @@ def view_command(
         )
     size = f"{plural(len(pictures.starts), 'picture')} of {plural(pictures.window, 'frame')}"
     out.print(f"{size}{'' if len(pictures.starts) == 1 else ' each'} in {target}")
+    if agreement:
+        out.print(agreement.describe(), soft_wrap=True)
 
 
 COMMANDS = {
@@ -518,7 +535,11 @@ COMMANDS = {
     ),
     "view": Command(
         view_command,
-        ("view recording.h5 --out sweep.png --measure sd", "view recording.h5 --out sweep.html --as tfi --window 200"),
+        (
+            "view recording.h5 --out sweep.png --measure sd",
+            "view recording.h5 --out sweep.html --as tfi --window 200",
+            "view recording.h5 --out answer.png --at answer",
+        ),
         Panel.RECORDINGS,
         NOTHING_WRITTEN,
     ),

@@ -17,6 +17,8 @@ from saf_gen.core.plain_text import escape_latex, escape_markdown
 from saf_gen.errors import escape_controls
 
 UNKNOWN = "–"
+TEXT_WIDTH = 80
+"""Width of a terminal, in characters."""
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """Characters that begin a formula in a spreadsheet; a formula may read files and open addresses."""
 
@@ -128,6 +130,15 @@ class Table:
         lines = [c.name for c in self.columns], *([c.get(row) for c in self.columns] for row in self.rows)
         return "".join(map(_format_csv_line, lines))
 
+    def to_text(self, width: int = TEXT_WIDTH) -> str:
+        """Return the shown columns that fit into a width, in characters, as a table of plain text."""
+        texts = {c: [escape_controls(text) for text in (c.header, *map(c.text, self.rows))] for c in self.shown}
+        widths = {c: max(map(len, cells)) for c, cells in texts.items()}
+        shown = choose_columns(self.shown, fits=lambda some: sum(widths[c] + 3 for c in some) < width)
+        cells = [[t.rjust(widths[c]) if c.justify == "right" else t.ljust(widths[c]) for t in texts[c]] for c in shown]
+        head, *lines = (f"  {'   '.join(row)}".rstrip() for row in zip(*cells, strict=True))
+        return "\n".join([head, " " + "─" * (sum(widths[c] + 3 for c in shown)), *lines])
+
     def to_markdown(self, *, explain: bool = False) -> str:
         """Return the shown columns as GitHub-flavoured Markdown; with ``explain``, meanings stand below headings."""
         shown = self.shown
@@ -163,6 +174,20 @@ class Table:
                 "",
             ]
         )
+
+
+def choose_columns(columns: Sequence[Column], *, fits: Callable[[Sequence[Column]], bool]) -> list[Column]:
+    """Return the columns that fit, in order; once a column does not fit, those of a higher level are left out."""
+    shown = [column for column in columns if column.detail == 0]
+    for detail in sorted({column.detail for column in columns} - {0}):
+        level = [column for column in columns if column.detail == detail]
+        for group in dict.fromkeys(column.together or column.header for column in level):
+            wider = [c for c in columns if c in shown or (c in level and (c.together or c.header) == group)]
+            if fits(wider):
+                shown = wider
+        if not all(column in shown for column in level):
+            break
+    return shown
 
 
 def percent(fraction: float) -> str:

@@ -17,7 +17,9 @@ from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.registry import is_builtin_name, plugin_class
 from saf_gen.core.plain_text import plural
-from saf_gen.errors import BadInput
+from saf_gen.core.table import percent
+from saf_gen.errors import BadInput, some_of
+from saf_gen.leaderboard.agreement import MIN_SHARE, MIN_VOTES, Agreement, follows_light
 from saf_gen.leaderboard.intervals import MIN_SCENES
 from saf_gen.leaderboard.ranking import LeaderboardRow, group_by, mean_over_scenes, median_magnitude, right_within
 
@@ -231,6 +233,32 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
     if len(machines) > 1:
         found.append(f"Seconds cannot be compared: they come from {len(machines)} machines: {'; '.join(machines)}.")
     return found
+
+
+def lead_without_truth(agreements: Sequence[Agreement]) -> list[str]:
+    """Return what the measures agree on: a sentence on a single recording, the numbers of several."""
+    if not agreements:
+        return [
+            f"No answer of all: that takes {MIN_VOTES} measures of saf_gen that do not follow the light. "
+            "Add -m baselines."
+        ]
+    if len(agreements) == 1:
+        return [agreements[0].describe()]
+    agreed = sum(one.agrees for one in agreements)
+    return [f"At least {percent(MIN_SHARE)} of the measures agree on {agreed} of {len(agreements)} recordings."]
+
+
+def notes_without_truth(records: Sequence[Record], agreements: Sequence[Agreement]) -> list[str]:
+    """Return the notes that a reader of answers that nobody judged needs."""
+    followers = sorted({measure for measure in map(_measure, records) if follows_light(measure)})
+    found = [f"Not asked, because their scores grow with the light: {some_of(followers)}."] if followers else []
+    if any(agreement.places for agreement in agreements):
+        found.append("To see the answer: saf-gen view RECORDING --at answer --out answer.png.")
+    return [
+        *found,
+        *_name_obstacles(records),
+        "To judge methods, state the true focus to saf-gen import: --truth POSITION, or --truth frame:NUMBER.",
+    ]
 
 
 def _say_rule(records: Iterable[Record]) -> list[str]:

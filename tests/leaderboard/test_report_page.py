@@ -330,7 +330,8 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
     text = page_of(records)
-    assert "methods are not ranked" in text
+    assert "No answer of all: that takes 3 measures" in text
+    assert "methods are not ranked" in page_of([record("a+s", "x", None, track="closed_loop", frame=None)])
     assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
 

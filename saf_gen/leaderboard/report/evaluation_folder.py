@@ -160,7 +160,8 @@ def _format_json(board: Leaderboard) -> str:
         "axes": list(map(_axis_to_json, board.axes)),
         "profiles": [asdict(one) for one in board.comparison.profiles],
         "neighbours": board.neighbours.to_dicts(),
-        "notes": board.notes,
+        "notes": [*board.lead, *board.notes],
+        "agreements": [{**asdict(one), "share": one.share} for one in board.agreements],
         "grain": [asdict(grain) for grain in board.grain],
         **describe_records(board.records),
         "machines": sorted({r.who.machine for r in board.records}),
@@ -188,6 +189,8 @@ def _format_markdown(board: Leaderboard) -> str:
     meanings = [f"- **{escape_markdown(c.header)}**: {escape_markdown(c.meaning)}\n" for c in ranking.shown]
     parts = [
         "# Leaderboard\n",
+        *map(escape_markdown, [f"{line}\n" for line in board.lead]),
+        *([board.agreement.to_markdown()] if len(board.agreements) > 1 else []),
         ranking.to_markdown(),
         *([f"{escape_markdown(list_names(board.names))}\n"] if board.names else []),
         escape_markdown(" ".join(board.notes)) + "\n",

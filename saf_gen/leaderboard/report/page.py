@@ -40,6 +40,8 @@ MAX_HELD = 5000
 LOOKING = {"target": "looking at the target", "frame": "looking at the whole frame"}
 """What the first line of a page says of the regions where methods look."""
 NAMED_LEADERS = 3
+MAX_OPENING = 3
+"""Largest number of recordings whose curves open a page on which nothing is ranked."""
 MAX_TOGETHER_CHARACTERS = 60
 """Largest total length of the headings of columns that are shown together, at which they are shown at first.
 
@@ -68,8 +70,8 @@ CHART_CAPTIONS = {
     ),
     "curves": (
         "Focus curves",
-        "The curve of each measure, scaled by its minimum and maximum. A curve that follows the grey area follows the "
-        f"light, not the focus. {_SWEEP}",
+        "The curve of each measure, scaled by its minimum and maximum. Upright: the true focus or, if unknown, where "
+        f"measures agree. A curve that follows the grey area follows the light, not the focus. {_SWEEP}",
     ),
     "sweep": ("Sweeps", f"No method computed a complete focus curve of these, as the search argmax would. {_SWEEP}"),
     "lens": (
@@ -188,6 +190,8 @@ def build_page(
     numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
     script = _read_asset(*SCRIPTS)
+    sweeps = ("curves", "sweep") if board.lacks_truth else ()  # where nothing is ranked, these open the page
+    opened = [chart for chart in charts if chart.kind in sweeps][:MAX_OPENING]
     return (
         load_templates()
         .get_template("page.html")
@@ -198,12 +202,15 @@ def build_page(
             style=_read_asset(*STYLES),
             summary=_summarise(rows, records),
             judged=_say_what_is_judged(records),
-            headline=_headline(rows, records),
+            headline=" ".join(board.lead) if board.lacks_truth else _headline(rows, records),
+            unjudged=board.lacks_truth,
+            opening=_group_charts(opened),
+            agreement=board.agreement if len(board.agreements) > 1 else None,
             scatter=plot_times(rows),
             delivered=delivered,
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
-            sections=_list_sections(board, charts),
+            sections=_list_sections(board, [chart for chart in charts if chart not in opened]),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
             board=add_years(tables.shade(board.ranking), plugins),
             ranked=ranked,
