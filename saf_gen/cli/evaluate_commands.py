@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.records import Record
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.benchmark.tracks.tasks import SequenceSelection
-    from saf_gen.leaderboard.report import WrittenEvaluation
 
 TRACKS = ("recorded", "closed_loop")
 Track = Annotated[
@@ -137,9 +136,7 @@ def evaluate_command(
     regions = " and ".join(sorted({record.who.region for record in result.records}, reverse=True))
     title = f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}"
     # after writing files, because a pipe that closes early, as with `| head`, ends the program
-    names = board.names if board.printed is board.ranking else {}
-    print_leaderboard(replace(board.printed, title=title), names=names, notes=board.notes, lead=board.lead)
-    print_written(written)
+    print_leaderboard(replace(board.printed, title=title), last_words=board.last_words, written=written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     broke = [record for record in result.records if record.broke]
@@ -174,12 +171,6 @@ def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -
 def name_splits(splits: Collection[str]) -> str:
     """Return the names of splits after the word split or splits."""
     return escape_controls(f"split{'' if len(splits) == 1 else 's'} {' and '.join(splits)}")
-
-
-def print_written(written: "WrittenEvaluation") -> None:
-    """Print the paths of an evaluation's files, and the evaluation that they replaced, if any."""
-    for line in (*map(str, written.paths), *([written.replaced] if written.replaced else [])):
-        out.print(line, soft_wrap=True)
 
 
 def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None:

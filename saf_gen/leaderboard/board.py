@@ -41,7 +41,10 @@ from saf_gen.leaderboard.results import (
     lead_without_truth,
     notes_on,
     notes_without_truth,
+    rule_of,
     spell_out_names,
+    verdict_on,
+    warnings_on,
 )
 from saf_gen.leaderboard.verification import CLAIMED, DIFFERS, RERUN_ELSEWHERE, RERUN_HERE, read_row_states
 from saf_gen.stream.sample_dataset import find_data
@@ -160,7 +163,24 @@ class Leaderboard(Sequence[LeaderboardRow]):
         """Notes that a reader needs to interpret the numbers."""
         if self.lacks_truth:
             return notes_without_truth(self.records, self.agreements)
-        return notes_on(self.rows, self.records)
+        return [*self.verdict, *notes_on(self.records), *self.warnings]
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What is wrong with methods, recordings or machines."""
+        return warnings_on(self.rows, self.records)
+
+    @cached_property
+    def verdict(self) -> list[str]:
+        """Whether the ranking is decided, as a sentence; empty if nothing is ranked."""
+        return verdict_on(self.rows, self.records)
+
+    @property
+    def last_words(self) -> list[str]:
+        """What a terminal shows below the table: what is wrong, and then the verdict and its rule."""
+        if self.lacks_truth:
+            return [*self.lead, *self.notes]
+        return [*self.warnings, *self.verdict, *rule_of(self.records)]
 
     @cached_property
     def names(self) -> dict[str, str]:

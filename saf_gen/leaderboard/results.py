@@ -203,20 +203,38 @@ NAMED_MEASURES = 4
 NAMED_SEQUENCES = 3
 
 
-def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+def notes_on(records: Sequence[Record]) -> list[str]:
     """Return the notes that a reader needs to interpret the numbers, one or two sentences each."""
     found = _name_benchmark(records)
-    found += _say_rule(records)
+    found += rule_of(records)
     found += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
-    reason = next((row.missing_reason for row in rows if row.missing_reason), "")
     scenes = len({r.what.scene for r in records if r.answerable})
-    if reason:
-        found.append(f"There are no intervals: only {reason} have a known truth.")
-    elif scenes:
+    if scenes >= MIN_SCENES:
         found.append(
-            f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
-            + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
+            f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once."
         )
+    return found
+
+
+def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+    """Return a sentence, in a list, that says whether the ranking is decided; [] if nothing is ranked."""
+    scenes = len({r.what.scene for r in records if r.answerable})
+    leaders = [row.method for row in rows if row.rank == 1]
+    if not (scenes and leaders):
+        return []
+    if scenes < MIN_SCENES:
+        has = "is" if scenes == 1 else "are"
+        return [f"Undecided: intervals need {MIN_SCENES} scenes with an answer; there {has} {scenes}."]
+    if level := sum(row.level_with_best is True for row in rows if row.rank != 1):
+        rest = plural(len(rows) - len(leaders), "other method")
+        return [f"Undecided: {scenes} scenes cannot tell {level} of {rest} from the best."]
+    return [f"Decided by {scenes} scenes: {some_of(leaders)} {'leads' if len(leaders) == 1 else 'lead'}."]
+
+
+def warnings_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+    """Return what is wrong with methods, recordings or machines, one or two sentences each."""
+    found = []
+    scenes = {r.what.scene for r in records if r.answerable}
     unranked = {r.what.scene for r in records if r.judgement.error is not None}
     if not scenes and unranked:
         few = "; and no rank comes from fewer than ten objects" if len(unranked) < MIN_RANKED else ""
@@ -261,7 +279,7 @@ def notes_without_truth(records: Sequence[Record], agreements: Sequence[Agreemen
     ]
 
 
-def _say_rule(records: Iterable[Record]) -> list[str]:
+def rule_of(records: Iterable[Record]) -> list[str]:
     """Return a sentence, in a list, that says by what methods are ranked, and on how many sequences; [] if on none."""
     known = {r.what.sequence: r.answerable for r in records}
     if not any(known.values()):

@@ -55,9 +55,9 @@ FILES = (*TABLES, RECORDS_FILE, *CURVES, PAGE)
 
 @dataclass(frozen=True)
 class WrittenEvaluation:
-    """Paths that were written, and a line that names the replaced evaluation; '' if nothing was replaced."""
+    """The page, and a line that names the replaced evaluation; '' if nothing was replaced."""
 
-    paths: tuple[Path, ...]
+    page: Path
     replaced: str
 
 
@@ -83,7 +83,7 @@ def write_evaluation(
     Returns
     -------
     WrittenEvaluation
-        Paths that were written, and a line that names the replaced evaluation.
+        The page, and a line that names the replaced evaluation.
 
     Raises
     ------
@@ -102,8 +102,7 @@ def write_evaluation(
             _publish(part, final)
     except OSError as error:
         raise unwritable(Path(error.filename2 or error.filename or final), error) from error
-    paths = tuple(final / name for name in FILES if name in (*texts, RECORDS_FILE))
-    return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
+    return WrittenEvaluation(final / PAGE, f"replaced {earlier}" if earlier else "")
 
 
 def check_replaceable(folder: Path) -> None:
