@@ -123,8 +123,8 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
     @cached_property
     def lead(self) -> list[str]:
-        """Sentences with the answer of all measures, where nothing is judged; otherwise empty."""
-        return lead_without_truth(self.agreements) if self.lacks_truth else []
+        """Sentences with the verdict or, where nothing is judged, with the answer of all measures."""
+        return lead_without_truth(self.agreements) if self.lacks_truth else [*filter(None, self.verdict)]
 
     @cached_property
     def axes(self) -> tuple[AxisResults, ...]:
@@ -163,7 +163,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
         """Notes that a reader needs to interpret the numbers."""
         if self.lacks_truth:
             return notes_without_truth(self.records, self.agreements)
-        return [*self.verdict, *notes_on(self.records), *self.warnings]
+        return [*notes_on(self.records), *self.warnings]
 
     @cached_property
     def warnings(self) -> list[str]:
@@ -171,8 +171,8 @@ class Leaderboard(Sequence[LeaderboardRow]):
         return warnings_on(self.rows, self.records)
 
     @cached_property
-    def verdict(self) -> list[str]:
-        """Whether the ranking is decided, as a sentence; empty if nothing is ranked."""
+    def verdict(self) -> tuple[str, str]:
+        """Whether the ranking is decided, and for whom; the first text may be empty."""
         return verdict_on(self.rows, self.records)
 
     @property
@@ -180,7 +180,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
         """What a terminal shows below the table: what is wrong, and then the verdict and its rule."""
         if self.lacks_truth:
             return [*self.lead, *self.notes]
-        return [*self.warnings, *self.verdict, *rule_of(self.records)]
+        return [*self.warnings, *self.lead, *rule_of(self.records)]
 
     @cached_property
     def names(self) -> dict[str, str]:

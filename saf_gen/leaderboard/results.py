@@ -201,6 +201,7 @@ MIN_RANKED = 10
 """Smallest number of photographed objects that could rank methods."""
 NAMED_MEASURES = 4
 NAMED_SEQUENCES = 3
+NAMED_METHODS = 3
 
 
 def notes_on(records: Sequence[Record]) -> list[str]:
@@ -216,19 +217,37 @@ def notes_on(records: Sequence[Record]) -> list[str]:
     return found
 
 
-def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
-    """Return a sentence, in a list, that says whether the ranking is decided; [] if nothing is ranked."""
-    scenes = len({r.what.scene for r in records if r.answerable})
-    leaders = [row.method for row in rows if row.rank == 1]
-    if not (scenes and leaders):
-        return []
-    if scenes < MIN_SCENES:
-        has = "is" if scenes == 1 else "are"
-        return [f"Undecided: intervals need {MIN_SCENES} scenes with an answer; there {has} {scenes}."]
-    if level := sum(row.level_with_best is True for row in rows if row.rank != 1):
-        rest = plural(len(rows) - len(leaders), "other method")
-        return [f"Undecided: {scenes} scenes cannot tell {level} of {rest} from the best."]
-    return [f"Decided by {scenes} scenes: {some_of(leaders)} {'leads' if len(leaders) == 1 else 'lead'}."]
+def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> tuple[str, str]:
+    """Return who wins or, if other methods cannot be told apart from the first, how little the scenes can say.
+
+    The first of the two texts may be empty.
+    """
+    leaders = [row for row in rows if row.rank == 1]
+    if not leaders:
+        why = "No sequence has a known truth within reach of its lens, so methods are not ranked"
+        return "", f"{why} and the table shows only their cost."
+    best, others = leaders[0], len(rows) - len(leaders)
+    level = sum(row.level_with_best is not False for row in rows if row.rank != 1)  # None: too few scenes to test
+    names = ", ".join(row.method for row in leaders[:NAMED_METHODS])
+    names += f" and {len(leaders) - NAMED_METHODS} more" if len(leaders) > NAMED_METHODS else ""
+    answerable = plural(best.answerable or 0, "sequence")
+    right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
+    scenes = len({record.what.scene for record in records if record.answerable})
+    if len(rows) == 1:
+        return "", f"{names}: {right}."
+    if level == others and (others or len(leaders) > 1):
+        some = plural(scenes, "scene") + (f" (intervals need {MIN_SCENES})" if scenes < MIN_SCENES else "")
+        return (
+            f"Undecided: {some} cannot tell these {plural(len(rows), 'method')} apart.",
+            f"{names} {'is' if len(leaders) == 1 else 'are'} most often {right}.",
+        )
+    if level or len(leaders) > 1:
+        rest = "every other method can be told apart"
+        if level:
+            them = "it" if len(leaders) == 1 else "them"
+            rest = f"{level} of {plural(others, 'other method')} cannot be told apart from {them}"
+        return f"{names} {'leads' if len(leaders) == 1 else 'lead together'}:", f"{right}; {rest}."
+    return f"{names} wins:", f"{right}, and every other method can be told apart from it."
 
 
 def warnings_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:

@@ -285,7 +285,6 @@ _ERROR = (
         percent,
         "Sharpness lost at the answer: 1 − S(answer)/S(best), with S the noise-free SD of the target's box at each "
         "rendered position; median. Scenes that move have none.",
-        detail=USUAL,
         optional=True,
     ),
     _error(
@@ -309,6 +308,7 @@ _COST = (
         "lens_travel",
         ".2f",
         "Distance that the lens moves, in travels, during the frames seen and then to the answer.",
+        detail=ALL,
     ),
     _cost(
         "turns", "reversals", ".1f", "Number of times that the lens reversed, if the method moves it.", optional=True

@@ -80,7 +80,7 @@ def test_a_method_that_ran_later_joins_the_table(call, runs, tmp_path):
     code, printed, err = call("leaderboard", "merge", *runs, "--out", out)
     assert (code, err) == (0, "")
     assert "3 methods, 2 sequences, 2 evaluations" in printed
-    assert "Undecided: intervals need 3 scenes with an answer; there are 2. Ranked by" in " ".join(printed.split())
+    assert "Undecided: 2 scenes (intervals need 3) cannot tell these 3 methods apart." in " ".join(printed.split())
     assert printed.splitlines()[-1] == f"All columns, conditions and names: open {out / 'index.html'}"
     document = json.loads((out / "leaderboard.json").read_text())
     methods = {"sd+argmax", "er_count+argmax", "sd_code+egs_code"}

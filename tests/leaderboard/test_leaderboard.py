@@ -169,18 +169,24 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     assert (rows[0].rank_best, rows[0].answerable_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of 3 required scenes"
     assert "rank_best" not in {c.name for c in ranking(rows).shown}
-    assert verdict_on(rows, some) == ["Undecided: intervals need 3 scenes with an answer; there are 2."]
+    assert verdict_on(rows, some) == (
+        "Undecided: 2 scenes (intervals need 3) cannot tell these 2 methods apart.",
+        "a+s is most often right on 100% of 2 sequences, averaged over scenes.",
+    )
     write_board(tmp_path, some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of 3 required scenes"
     assert document["rows"][0]["answerable_1dof_low"] is None
-    assert "Undecided: intervals need 3 scenes" in (tmp_path / "leaderboard.md").read_text()
+    assert "Undecided: 2 scenes (intervals need 3) cannot" in (tmp_path / "leaderboard.md").read_text()
 
 
 def test_notes_mention_few_scenes_and_two_machines(twelve):
     assert any("over 12 scenes holds alone" in note for note in notes_on(twelve))
     few = [*over("a+s", [0, 0, 0]), *over("b+s", [0, 0, 9])]
-    assert verdict_on(rank_methods(few), few) == ["Undecided: 3 scenes cannot tell 1 of 1 other method from the best."]
+    assert verdict_on(rank_methods(few), few) == (
+        "Undecided: 3 scenes cannot tell these 2 methods apart.",
+        "a+s is most often right on 100% of 3 sequences, averaged over scenes.",
+    )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
     notes = warnings_on(rank_methods(mixed), mixed)
     assert "Seconds cannot be compared: they come from 2 machines: x, 2 cores; y, 9 cores." in notes

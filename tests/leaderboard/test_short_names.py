@@ -47,7 +47,11 @@ def test_every_plugin_has_short_words_that_are_its_own():
 def test_leaderboard_md_spells_out_each_name_once(tmp_path):
     write_board(tmp_path, RECORDS)
     text = (tmp_path / "leaderboard.md").read_text(encoding="utf-8")
-    assert text.count("Names: sd: spike dispersion; vollath_f4_n: ") == text.count("Vollath's F4, divided by brightness") == 1
+    assert (
+        text.count("Names: sd: spike dispersion; vollath_f4_n: ")
+        == text.count("Vollath's F4, divided by brightness")
+        == 1
+    )
     assert "spike dispersion" not in (tmp_path / "leaderboard.csv").read_text(encoding="utf-8")
 
 

@@ -4,7 +4,7 @@ Numbers have four significant digits. Nothing here draws, so that a page costs l
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -56,6 +56,11 @@ class Chart:
     """Sentence about what this chart or its scene leaves out; '' if nothing."""
 
 
+NAMED_DOTS = 4
+LABEL_LETTER, LABEL_LINE, LABEL_GAP = 0.0165, 0.075, 0.03
+"""Width of a letter, height of a line and gap to the dot of a name, as fractions of the plot of times."""
+
+
 @dataclass(frozen=True)
 class Times:
     """Success against time to focus: the places of the methods as fractions of a plot, and the ticks of its axis."""
@@ -64,6 +69,8 @@ class Times:
     """Row, and place from the left and from below."""
     ticks: tuple[tuple[float, str], ...]
     """Place from the left, and seconds."""
+    labels: tuple[tuple[str, float, float, float, float], ...]
+    """Names of the best methods: where each begins and its dot is, from the left and from below."""
 
 
 def plot_times(rows: Sequence[LeaderboardRow]) -> Times | None:
@@ -82,10 +89,24 @@ def plot_times(rows: Sequence[LeaderboardRow]) -> Times | None:
     longest = max(seconds for _, _, seconds in known) * 1.05
     step = next(size for size in (1e-3 * m * 10**n for n in range(9) for m in (1, 2, 5)) if longest / size <= 6)
     ticks = [number * step for number in range(int(longest / step) + 1)]
-    return Times(
-        tuple((row, seconds / longest, success) for row, success, seconds in known),
-        tuple((tick / longest, f"{tick:.6g}") for tick in ticks),
-    )
+    points = tuple((row, seconds / longest, success) for row, success, seconds in known)
+    return Times(points, tuple((tick / longest, f"{tick:.6g}") for tick in ticks), tuple(_name_best(points)))
+
+
+def _name_best(
+    points: Sequence[tuple[LeaderboardRow, float, float]],
+) -> Iterator[tuple[str, float, float, float, float]]:
+    """Yield the labels of the best methods, each below those that it would cover; see :class:`Times`."""
+    taken = [(across - LABEL_GAP / 2, across + LABEL_GAP / 2, up) for _, across, up in points]
+    for row, across, up in points[:NAMED_DOTS]:
+        width = len(row.method) * LABEL_LETTER
+        left, at = min(across + LABEL_GAP, 1 - width), up
+        while any(
+            abs(at - other) < LABEL_LINE and left < right and begin < left + width for begin, right, other in taken
+        ):
+            at -= LABEL_LINE
+        taken.append((left, left + width, at))
+        yield row.method, left, at, across, up
 
 
 def make_charts(board: Leaderboard) -> list[Chart]:

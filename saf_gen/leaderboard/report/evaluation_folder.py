@@ -192,7 +192,7 @@ def _format_markdown(board: Leaderboard) -> str:
         *([board.agreement.to_markdown()] if len(board.agreements) > 1 else []),
         ranking.to_markdown(),
         *([f"{escape_markdown(list_names(board.names))}\n"] if board.names else []),
-        escape_markdown(" ".join(board.notes)) + "\n",
+        escape_markdown(" ".join([*board.lead, *board.notes])) + "\n",
         "".join(meanings),
     ]
     if failures:
