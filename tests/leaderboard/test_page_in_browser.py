@@ -374,7 +374,7 @@ def test_the_main_columns_need_no_sideways_scrolling_and_all_can_be_asked_for(cr
     assert beyond <= 0
     assert spanned == len(columns)
     assert [name for name in columns if name in MAIN] == MAIN
-    assert (len(columns) > 2 * len(MAIN)) == (width == 1280)
+    assert (len(columns) > len(MAIN)) == (width == 1280)
     assert answer["wide"] == [every, len(every)]
 
 

@@ -57,7 +57,7 @@ class Chart:
 
 
 NAMED_DOTS = 4
-LABEL_LETTER, LABEL_LINE, LABEL_GAP = 0.0165, 0.075, 0.03
+LABEL_LETTER, LABEL_LINE, LABEL_GAP = 0.0175, 0.08, 0.03
 """Width of a letter, height of a line and gap to the dot of a name, as fractions of the plot of times."""
 
 
