@@ -243,8 +243,8 @@ def split_method(spec: str) -> tuple[list[str], str, str]:
     if len(halves) != 2 or not all(halves):
         raise BadInput(
             f"method {spec!r} is not a focus measure and a search",
-            allowed=f"MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50, or {BASELINES}",
-            nearest=(near := closest(text, [BASELINES])),
+            allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
+            nearest=(near := closest(text, {BASELINES} - {text})),
             hint=f"name its folder: {Path(text).parent}/"
             if Path(text).name == CARD
             else ""

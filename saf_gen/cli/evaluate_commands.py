@@ -53,8 +53,8 @@ def evaluate_command(
         typer.Option(
             "--method",
             "-m",
-            help="MEASURE+SEARCH, options after a colon, a folder with a card, @FILE of a tuned method, or baselines: "
-            "all that run without this option; repeatable.",
+            help="MEASURE+SEARCH, options after a colon, a folder with a card, @FILE of a tuned method, or baselines "
+            "(the default); repeatable.",
         ),
     ] = None,
     methods: Annotated[
@@ -247,7 +247,6 @@ COMMANDS = {
         evaluate_command,
         (
             "evaluate datasets/quickstart",
-            "evaluate recording.h5 --method sd_code+sgfs_code:dt=50 --out judged",
             "evaluate quickstart --method baselines --method my.py:sharpness+argmax",
             "evaluate datasets/quickstart --track closed_loop --budget 100",
             "evaluate datasets/quickstart --predictions answers.jsonl",

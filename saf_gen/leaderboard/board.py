@@ -214,11 +214,12 @@ class Leaderboard(Sequence[LeaderboardRow]):
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook, without the most detailed columns; tooltips explain the headings."""
-        shown = self.ranking.up_to(tables.INTERVALS).shown
+        table = self.printed.up_to(tables.INTERVALS)
+        shown = table.shown
         head = "".join(f'<th title="{escape(c.meaning)}">{escape(c.header)}</th>' for c in shown)
         body = "".join(
             "<tr>" + "".join(f'<td style="text-align: {c.justify}">{escape(c.text(row))}</td>' for c in shown) + "</tr>"
-            for row in self.rows
+            for row in table.rows
         )
         caption = f"<caption>{self.size}</caption>"
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

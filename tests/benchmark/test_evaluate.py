@@ -83,7 +83,7 @@ PAIR = "MEASURE+SEARCH | saf-gen methods list"
         ("sd_code+argmax:window=many", "'many'"),
         ("sd+argmax@fram", "region 'fram' | mean 'frame'"),
         ("argmax:window=50+sd", "names the search first | mean 'sd+argmax:window=50'"),
-        ("baseline", "or baselines | mean 'baselines'"),
+        ("baseline", "mean 'baselines'"),
     ],
 )
 def test_a_name_of_no_method_is_refused_with_the_nearest_or_an_example(spec, words):

@@ -9,6 +9,7 @@ from handmade_records import record
 from refusals import assert_says, refusal
 
 import saf_gen
+from saf_gen.core.config import registry
 from saf_gen.leaderboard import read_leaderboard
 
 
@@ -68,6 +69,7 @@ def middle(view):
 )
 def test_functions_are_ranked_beside_methods_and_baselines(tmp_path, monkeypatch, methods, expected):
     monkeypatch.setattr("saf_gen.benchmark.evaluate.DEFAULT_RECORDED_METHODS", ("cen+argmax",))
+    monkeypatch.setattr(registry, "_registered_here", {kind: {} for kind in registry.PLUGIN_KINDS})
     saf_gen.write_stream(tmp_path / "s.h5", np.random.default_rng(1).random((160, 8, 12)) < 0.3)
     assert sorted(row.method for row in saf_gen.evaluate(tmp_path / "s.h5", methods)) == expected
 
