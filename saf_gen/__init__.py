@@ -20,6 +20,8 @@ measure
     Turn a function into a focus measure.
 sample
     Return the folder of a small dataset that comes with saf_gen.
+evaluate
+    Run methods, and functions of your own, on a dataset, and return their ranking.
 read_leaderboard
     Return the ranking of one or several evaluations, which a notebook shows as a table.
 """
@@ -46,6 +48,7 @@ _HOMES = {
     "get_sensor": "camera",
     "encode": "camera",
     "encode_events": "camera.events",
+    "evaluate": "leaderboard",
     "read_leaderboard": "leaderboard",
 }
 """Module that defines each public name, relative to ``saf_gen``."""

@@ -11,6 +11,8 @@ from difflib import get_close_matches
 from functools import partial
 from typing import Any
 
+MAX_NAMES = 8
+"""Largest number of allowed names in an error message."""
 MAX_PIECE = 1_000
 """Maximum length of each part of an error message, in characters; a name in an untrusted file may have millions."""
 
@@ -138,10 +140,20 @@ def unknown(what: str, value: object, *, allowed: Iterable[str], where: str = ""
     return BadInput(
         f"unknown {what} {str(value)!r}",
         where=where,
-        allowed=", ".join(names) or "nothing is registered",
+        allowed=some_of(names, value) or "nothing is registered",
         nearest=closest(value, names),
         hint=hint,
     )
+
+
+def some_of(names: Iterable[str], value: object = "") -> str:
+    """Return at most MAX_NAMES of the allowed names as text, those most similar to a value, and how many are left."""
+    every = list(names)
+    if len(every) <= MAX_NAMES:
+        return ", ".join(every)
+    near = get_close_matches(str(value), every, n=MAX_NAMES, cutoff=0)
+    shown = [name for name in every if name in near]
+    return f"{', '.join(shown)} and {len(every) - len(shown)} more"
 
 
 @contextmanager

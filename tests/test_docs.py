@@ -58,7 +58,7 @@ ROOT_OPTIONS = {"--version", "--install-completion"}
 ONLY_ON_THE_SITE = {"commands.md", "python.md"}
 TEXTS = {".py", ".in", ".yaml", ".yml", ".md", ".xml", ".html", ".js", ".css", ".def", ".sh", ""}
 """Endings of files that may name a page."""
-OPTIONAL = {"torch", "pymmcore_plus"}
+OPTIONAL = {"torch", "huggingface_hub"}
 """Packages without which a block that names them is not run, because no test needs them."""
 PRINTED: dict[tuple[str, ...], str] = {}
 """Output of the commands that read the quickstart's dataset, which are not run again."""

@@ -5,6 +5,15 @@ import pickle
 from saf_gen.errors import BadInput, closest, unknown
 
 
+def test_at_most_eight_names_are_allowed_in_a_line_those_nearest_to_the_value():
+    names = [f"lens_{number}" for number in range(30)]
+    error = unknown("lens", "lens_17x", allowed=names)
+    assert error.allowed.count("lens_") == 8
+    assert "lens_17" in error.allowed
+    assert error.allowed.endswith(" and 22 more")
+    assert unknown("lens", "x", allowed=names[:8]).allowed == ", ".join(names[:8])
+
+
 def test_a_message_is_one_line_with_value_allowed_nearest_and_next_step():
     error = BadInput("mode is 'x'", where="a.yaml:3", allowed="y, z", nearest="y", hint="see\n  the docs")
     assert str(error) == "a.yaml:3: mode is 'x'; allowed: y, z; did you mean 'y'?; see the docs"

@@ -10,6 +10,7 @@ from saf_gen.benchmark.guests.guest import GuestMeasure, GuestSpec, guest_of
 from saf_gen.benchmark.guests.host import GuestPart, Limits
 from saf_gen.benchmark.method_folder import folder_name
 from saf_gen.benchmark.method_spec import (
+    BASELINES,
     Half,
     Method,
     MethodFolder,
@@ -103,7 +104,7 @@ def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
     Returns
     -------
     list of str
-        Names of methods, all of which can be parsed.
+        Names of methods, all of which can be parsed, or ``baselines``.
 
     Raises
     ------
@@ -120,10 +121,9 @@ def read_methods(path: Path, limits: Limits | None = None) -> list[str]:
         if name := "" if line.startswith("#") else line.partition(" # ")[0].strip():
             try:
                 with refuse_code(str(path)):
-                    admit_method(name, limits)
+                    names += [name] if name == BASELINES or admit_method(name, limits) else []
             except BadInput as error:
                 raise BadInput(str(error), where=f"{path}:{number}") from error
-            names.append(name)
     if not names:
         raise BadInput(f"{path} names no method", allowed="one method per line, such as sd+argmax")
     return names

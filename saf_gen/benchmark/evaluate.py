@@ -16,7 +16,7 @@ import numpy as np
 from saf_gen.benchmark.admission import admit_measure, describe_undeclared
 from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
-from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
+from saf_gen.benchmark.method_spec import BASELINES, DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
 from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
@@ -77,8 +77,8 @@ def evaluate(
     source : str or Path
         Dataset folder or stream file.
     methods : sequence of str, optional
-        Names of methods. The default is no method if there are predictions, DEFAULT_CLOSED_LOOP_METHODS if there is a
-        protocol, and DEFAULT_RECORDED_METHODS otherwise.
+        Names of methods; ``baselines`` stands for DEFAULT_CLOSED_LOOP_METHODS if there is a protocol, and for
+        DEFAULT_RECORDED_METHODS otherwise. The default is no method if there are predictions, and else the baselines.
     split : str, optional
         Evaluate the sequences of this split, or of ``all`` splits together. The default is ``test``, or the only split
         of the dataset.
@@ -131,11 +131,12 @@ def evaluate(
     SafGenError
         If the scheduler of the cluster is lost.
     """
-    path, asked = Path(source), methods is not None
-    if methods is None and predictions is not None:
-        methods = ()
-    elif methods is None:
-        methods = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
+    path = Path(source)
+    if methods is None:
+        methods = (BASELINES,) if predictions is None else ()
+    asked = parse_methods([name for name in methods if name != BASELINES], limits)
+    baselines = DEFAULT_RECORDED_METHODS if protocol is None else DEFAULT_CLOSED_LOOP_METHODS
+    methods = [name for given in methods for name in (baselines if given == BASELINES else (given,))]
     chosen = parse_methods(methods, limits)
     if protocol is None:
         check_leaves_lens(list(chosen.values()))

@@ -28,7 +28,7 @@ from saf_gen.core.config.registry import FORM_SUFFIXES, names, plugin_class, ref
 from saf_gen.core.config.source_digest import class_source_digests
 from saf_gen.core.cores import describe_machine
 from saf_gen.core.region import REGIONS
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.parts import Answer, Measure, Search, wants_measures
 from saf_gen.plugins.measures import get_measure, measure_names
 from saf_gen.plugins.searches import REJECT, Rejecting, get_search, search_names
@@ -69,6 +69,9 @@ DEFAULT_CLOSED_LOOP_METHODS = (
     ),
 )
 """Methods that ``saf-gen evaluate --track closed_loop`` runs by default."""
+
+BASELINES = "baselines"
+"""Name that stands for all of these methods of a track, in lists of methods."""
 
 MAX_STATED = 4000
 """Largest number of characters in which a record states a measure, or a search, with its options."""
@@ -241,10 +244,16 @@ def split_method(spec: str) -> tuple[list[str], str, str]:
         raise BadInput(
             f"method {spec!r} is not a focus measure and a search",
             allowed="MEASURE+SEARCH, options after a colon, like sd_code+sgfs_code:dt=50",
+            nearest=(near := closest(text, {BASELINES} - {text})),
             hint=f"name its folder: {Path(text).parent}/"
             if Path(text).name == CARD
+            else ""
+            if near
             else f"try {halves[0] or 'sd'}+argmax; `saf-gen methods list` shows measures and searches",
         )
+    measure, search = (split_options(half)[0] for half in halves)
+    if measure in names("searches") and search in measure_names():
+        raise BadInput(f"method {spec!r} names the search first", nearest="+".join(reversed(halves)))
     return halves, text, region
 
 
@@ -374,7 +383,9 @@ def parse_options(half: str, spec: str) -> tuple[str, dict[str, Any]]:
     for item in tail.split(",") if tail else ():
         key, equals, value = item.partition("=")
         if not (key and equals and value):
-            raise BadInput(f"malformed option {item!r} of method {spec!r}", allowed="KEY=VALUE, separated by commas")
+            near = spec.replace(half, f"{name}.py:{tail}", 1) if Path(f"{name}.py").is_file() else ""
+            problem = f"malformed option {item!r} of method {spec!r}"
+            raise BadInput(problem, allowed="KEY=VALUE, separated by commas", nearest=near)
         options[key] = _parse_value(value)
     return name, options
 
@@ -451,7 +462,7 @@ def _find_kind(name: str) -> str:
     cls = _load_class(name, bare)
     plain = getattr(cls, "plain", None)
     if plain is not None and not any(hasattr(plain, member) for member in ("degree", "score_range", "halves")):
-        return "searches" if _has_view_parameter(plain) else "measures"
+        return "searches" if has_view_parameter(plain) else "measures"
     if bare != name or any(hasattr(cls, member) for member in ("degree", "score_range", "halves")):
         return "measures"
     if any(hasattr(cls, member) for member in ("causal", "commands")):
@@ -463,7 +474,7 @@ def _find_kind(name: str) -> str:
     )
 
 
-def _has_view_parameter(plain: Any) -> bool:
+def has_view_parameter(plain: Any) -> bool:
     """Return whether one of the first two parameters of a plain function, or of a plain class's calls, is ``view``."""
     called = plain.__call__ if isinstance(plain, type) else plain
     return "view" in list(signature(called).parameters)[:2]

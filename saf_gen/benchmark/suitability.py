@@ -3,7 +3,7 @@
 Kinds of cameras are open, so no rule names one but ``spikes``, whose noise some measures correct for.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 
 from saf_gen.benchmark.method_spec import Method, named_measures, nested_plugins, split_options
@@ -30,7 +30,7 @@ INSTEAD = {
 
 
 def keep_those_that_suit(
-    methods: Mapping[str, Method], tasks: list[SequenceTask], *, asked: bool, tell: Callable[[str], None]
+    methods: Mapping[str, Method], tasks: list[SequenceTask], *, asked: Collection[str], tell: Callable[[str], None]
 ) -> dict[str, Method]:
     """Return the methods that suit the camera of the recordings.
 
@@ -40,8 +40,8 @@ def keep_those_that_suit(
         The methods by name.
     tasks : list of SequenceTask
         The sequences.
-    asked : bool
-        Whether the user has named the methods. Others are left out, with a line.
+    asked : collection of str
+        Names of the methods that the user has named. Others are left out, with a line.
     tell : callable
         Called with that line.
 
@@ -50,16 +50,18 @@ def keep_those_that_suit(
     BadInput
         If a named method needs spikes, or events, and the recordings hold something else.
     """
-    if asked and not any(map(_needs, methods.values())):
+    others = methods.keys() - asked
+    if not others and not any(map(_needs, methods.values())):
         return dict(methods)
     kind, form = _camera_of(tasks)
-    if form == "frames" and not asked:
+    if form == "frames" and others:
         problem = f"these recordings hold {in_words(kind)}, and windows are numbers of frames"
         hint = "for example --method sd+argmax:window=3"
         raise BadInput(problem, allowed="methods that name their window", hint=hint)
     misfits = {name: error for name, method in methods.items() if (error := method_misfit(method, kind, form=form))}
-    if misfits and (asked or len(misfits) == len(methods)):
-        raise next(iter(misfits.values()))
+    refused = [error for name, error in misfits.items() if name in asked or len(misfits) == len(methods)]
+    if refused:
+        raise refused[0]
     if misfits:
         tell(f"left out, because these recordings hold {in_words(kind)}: {', '.join(misfits)}")
     return {name: method for name, method in methods.items() if name not in misfits}

@@ -1,10 +1,10 @@
 """Tables that fit the width: prose is folded, then columns are left out, but names and figures are never cut."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich.table
 from rich import box
@@ -14,14 +14,17 @@ from rich.text import Text
 
 from saf_gen.cli._terminal import out
 from saf_gen.core.files import write_text
-from saf_gen.core.table import Column, Table
+from saf_gen.core.table import Column, Table, choose_columns
 from saf_gen.errors import escape_controls
+
+if TYPE_CHECKING:
+    from saf_gen.leaderboard.report import WrittenEvaluation
 
 PROSE_WIDTH = 22
 """Least width of a folded column in characters, unless all its texts are shorter."""
 
 
-def print_table(table: Table, *, where_to_find: str = "", as_json: bool = False) -> None:
+def print_table(table: Table, *, where_to_find: str | None = "", as_json: bool = False) -> None:
     """Print a table that fits the terminal or, to a pipe or file, the columns that COLUMNS states, or 120.
 
     Parameters
@@ -29,7 +32,7 @@ def print_table(table: Table, *, where_to_find: str = "", as_json: bool = False)
     table : Table
         The table.
     where_to_find : str, optional
-        Clause that says where to find the columns that were left out.
+        Clause that says where to find the columns that were left out; if None, they are not named.
     as_json : bool, default False
         Whether to print :func:`to_objects` as JSON instead.
     """
@@ -47,9 +50,10 @@ def print_table(table: Table, *, where_to_find: str = "", as_json: bool = False)
 
     shown = columns
     if measure(shown).minimum > out.width:
-        shown = _choose_columns(columns, fits=lambda some: measure(some).minimum <= out.width)
+        shown = choose_columns(columns, fits=lambda some: measure(some).minimum <= out.width)
     out.print(build(shown, fold_all=measure(shown).minimum > out.width))
-    if left_out := [column.header for column in columns if column not in shown]:
+    left_out = [column.header for column in columns if column not in shown]
+    if left_out and where_to_find is not None:
         found = f" ({where_to_find})" if where_to_find else ""
         out.print(f"Columns that do not fit here: {', '.join(left_out)}{found}")
 
@@ -59,13 +63,16 @@ def print_facts(facts: Mapping[str, str], *, title: str = "") -> None:
     print_table(Table([Column("", itemgetter(0)), Column("", itemgetter(1), folds=True)], list(facts.items()), title))
 
 
-def print_leaderboard(table: Table, *, names: Mapping[str, str], notes: Iterable[str] = ()) -> None:
-    """Print the columns of a leaderboard that fit, what the short ``names`` in it mean, and notes."""
-    from saf_gen.leaderboard.results import list_names
-
-    print_table(table, where_to_find="leaderboard.md and the page show them, and a larger COLUMNS")
-    for line in (*([list_names(names)] if names else []), *notes):
+def print_leaderboard(
+    table: Table, *, last_words: Iterable[str] = (), written: "WrittenEvaluation | None" = None
+) -> None:
+    """Print the columns of a leaderboard that fit, what follows from it, and where its page is."""
+    print_table(table, where_to_find=None)
+    for line in last_words:
         out.print(line)
+    if written is not None:
+        for line in filter(None, (written.replaced, f"All columns, conditions and names: open {written.page}")):
+            out.print(escape_controls(line), soft_wrap=True)
 
 
 def to_objects(table: Table) -> list[dict[str, str]]:
@@ -85,20 +92,6 @@ def print_json(document: Any, path: Path | None = None) -> None:
 def _cell(column: Column, row: Any) -> str | Text:
     text = escape_controls(column.text(row), keep="\n")
     return Text(text, column.style(row)) if column.style else text
-
-
-def _choose_columns(columns: Sequence[Column], *, fits: Callable[[Sequence[Column]], bool]) -> list[Column]:
-    """Return the columns that fit, in order; once a column does not fit, those of a higher level are left out."""
-    shown = [column for column in columns if column.detail == 0]
-    for detail in sorted({column.detail for column in columns} - {0}):
-        level = [column for column in columns if column.detail == detail]
-        for group in dict.fromkeys(column.together or column.header for column in level):
-            wider = [c for c in columns if c in shown or (c in level and (c.together or c.header) == group)]
-            if fits(wider):
-                shown = wider
-        if not all(column in shown for column in level):
-            break
-    return shown
 
 
 def _build(cells: Mapping[Column, Sequence[str | Text]], *, title: str, fold_all: bool) -> rich.table.Table:

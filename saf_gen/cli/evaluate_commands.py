@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from saf_gen.benchmark.records import Record
     from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
     from saf_gen.benchmark.tracks.tasks import SequenceSelection
-    from saf_gen.leaderboard.report import WrittenEvaluation
 
 TRACKS = ("recorded", "closed_loop")
 Track = Annotated[
@@ -54,7 +53,8 @@ def evaluate_command(
         typer.Option(
             "--method",
             "-m",
-            help="MEASURE+SEARCH, options after a colon, a folder with a card, or @FILE of a tuned method; repeatable.",
+            help="MEASURE+SEARCH, options after a colon, a folder with a card, @FILE of a tuned method, or baselines "
+            "(the default); repeatable.",
         ),
     ] = None,
     methods: Annotated[
@@ -87,25 +87,26 @@ def evaluate_command(
     from saf_gen.benchmark.evaluate import evaluate as run
     from saf_gen.benchmark.guests.host import Limits
     from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
+    from saf_gen.benchmark.method_spec import BASELINES
     from saf_gen.benchmark.tracks.tasks import select_sequences_to_evaluate
     from saf_gen.core.files import check_on_disk, check_writable, lock_folder
     from saf_gen.leaderboard import Leaderboard
     from saf_gen.leaderboard.ranking import describe_size
     from saf_gen.leaderboard.report import check_replaceable, write_evaluation
     from saf_gen.leaderboard.report.pictures import picture_answers
-    from saf_gen.stream.sample_dataset import SAMPLE, sample
+    from saf_gen.stream.sample_dataset import SAMPLE, find_data, sample
 
     limits = Limits(run_s=limit_s, resident_bytes=int(limit_gib * 2**30))
-    for one in method or ():
+    for one in filter(BASELINES.__ne__, method or ()):
         admit_method(one, limits)  # lists and tuned files may name only code that --method names as well
     named = [*(method or ()), *(read_methods(methods, limits) if methods else ())]
     protocol = protocol_from_options(track, actuator=actuator, budget=budget, sweep=sweep, op_rate=op_rate)
     name = "evaluation" if track == "recorded" else "evaluation-closed-loop"
-    check_on_disk(data := source)
-    if str(source) == SAMPLE and not source.exists():
-        data, target = sample(), folder or Path(f"{SAMPLE}-{name}")
-    else:
-        target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
+    check_on_disk(source)
+    data = find_data(source)
+    target = folder or (data / name if data.is_dir() else data.with_name(f"{data.stem}-{name}"))
+    if data == sample() and folder is None:
+        target = Path(f"{SAMPLE}-{name}")
     check_replaceable(target)
     check_writable(target)
     selection = select_sequences_to_evaluate(data, split=split, scene_motion=scene_motion)
@@ -135,8 +136,7 @@ def evaluate_command(
     regions = " and ".join(sorted({record.who.region for record in result.records}, reverse=True))
     title = f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}"
     # after writing files, because a pipe that closes early, as with `| head`, ends the program
-    print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
-    print_written(written)
+    print_leaderboard(replace(board.printed, title=title), last_words=board.last_words, written=written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     broke = [record for record in result.records if record.broke]
@@ -171,12 +171,6 @@ def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -
 def name_splits(splits: Collection[str]) -> str:
     """Return the names of splits after the word split or splits."""
     return escape_controls(f"split{'' if len(splits) == 1 else 's'} {' and '.join(splits)}")
-
-
-def print_written(written: "WrittenEvaluation") -> None:
-    """Print the paths of an evaluation's files, and the evaluation that they replaced, if any."""
-    for line in (*map(str, written.paths), *([written.replaced] if written.replaced else [])):
-        out.print(line, soft_wrap=True)
 
 
 def print_kept(kept: "KeptSequences", *, splits: Collection[str | None]) -> None:
@@ -253,7 +247,7 @@ COMMANDS = {
         evaluate_command,
         (
             "evaluate datasets/quickstart",
-            "evaluate recording.h5 --method sd_code+sgfs_code:dt=50 --out judged",
+            "evaluate quickstart --method baselines --method my.py:sharpness+argmax",
             "evaluate datasets/quickstart --track closed_loop --budget 100",
             "evaluate datasets/quickstart --predictions answers.jsonl",
         ),

@@ -18,7 +18,6 @@ from saf_gen.cli.evaluate_commands import (
     Track,
     name_splits,
     print_kept,
-    print_written,
     protocol_from_options,
 )
 from saf_gen.core.plain_text import plural
@@ -53,9 +52,7 @@ def merge_command(
             written = write_evaluation(folder, board, title=folder.resolve().name)
     splits = dict.fromkeys(record.what.split for record in board.records if record.what.split is not None)
     title = f"{board.size}, {plural(len(runs), 'evaluation')}{f', {name_splits(splits)}' if splits else ''}"
-    print_leaderboard(replace(board.ranking, title=title), names=board.names, notes=board.notes)
-    if written is not None:
-        print_written(written)
+    print_leaderboard(replace(board.printed, title=title), last_words=board.last_words, written=written)
 
 
 def verify_evaluation_command(
@@ -151,7 +148,6 @@ def tune_command(
     from saf_gen.benchmark.kept_sequences import KeptSequences, kept_folder
     from saf_gen.benchmark.method_spec import TUNING_FORMAT, format_tuned
     from saf_gen.core.files import check_ours, check_writable, write_text
-    from saf_gen.leaderboard.results import spell_out_names
     from saf_gen.leaderboard.tables import ranking
     from saf_gen.leaderboard.tuning import tune as run
     from saf_gen.stream.manifest import read_manifest
@@ -181,8 +177,7 @@ def tune_command(
         )
     print_kept(kept, splits={split})
     title = f"{plural(len(rows), 'trial')}, {plural(tuned.sequences, 'sequence')} of {split}"
-    names = spell_out_names(row.method for row in rows[:20])
-    print_leaderboard(replace(ranking(rows[:20]), title=title), names=names)
+    print_leaderboard(replace(ranking(rows[:20]), title=title))
     write_text(file, format_tuned(tuned))
     kept.remove()
     if trials is not None and len(rows) < trials:

@@ -21,6 +21,7 @@ SHADES = " .:-=+*#%@"
 PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
 SMALL_COLUMNS = 32
 """Columns of a picture that is one of several."""
+ANSWER = "answer"
 BIT_NAMES = {"lsb": "least significant", "msb": "most significant"}
 Size = Annotated[str | None, typer.Option(help="Columns x rows of raw frames without gaps: 600x400.")]
 Bits = Annotated[str | None, typer.Option("--bits", help="First value in a byte: lsb or msb.")]
@@ -396,14 +397,26 @@ def index_command(
     *,
     split: Annotated[str, typer.Option(help="Split of the recordings that are directly in the folder.")] = "test",
 ) -> None:
-    """Write a manifest for a folder of recordings, which makes it a dataset for `saf-gen evaluate`."""
-    from saf_gen.stream.dataset import index_folder, is_hidden
+    """Write a manifest for a folder of recordings, which makes it a dataset for `saf-gen evaluate`.
+
+    A recording's name, SCENE-LIGHT-NUMBER, tells its scene and light.
+    """
+    from saf_gen.stream.dataset import UNNAMED_LIGHT, index_folder, is_hidden
     from saf_gen.stream.frame_file import METHOD_OF_FRAMES
     from saf_gen.stream.recordings import open_recording
+    from saf_gen.stream.sharing.fetching import is_plain_path
 
+    names = {file.relative_to(folder).as_posix(): is_hidden(file, folder) for file in sorted(folder.rglob("*.h5"))}
+    if hidden := [name for name, is_left_out in names.items() if is_left_out]:
+        err.print(escape_controls(f"left out, because hidden: {_some(hidden)}"), soft_wrap=True)
+    if unsafe := [name for name, is_left_out in names.items() if not (is_left_out or is_plain_path(name))]:
+        told = f"names that some systems cannot hold; rename them before you publish: {_some(unsafe)}"
+        err.print(escape_controls(told), soft_wrap=True)
     manifest = index_folder(folder, split=split)
-    if hidden := sorted(str(file.relative_to(folder)) for file in folder.rglob("*.h5") if is_hidden(file, folder)):
-        err.print(escape_controls(f"left out, because hidden: {', '.join(hidden)}"), soft_wrap=True)
+    unlit = [entry.file for entry in manifest.sequences if entry.light == UNNAMED_LIGHT]
+    if unlit and len(manifest.sequences) > 1:
+        told = f"names that tell no light, as desk-sun-01.h5 does; each is a scene of its own: {_some(unlit)}"
+        err.print(escape_controls(told), soft_wrap=True)
     splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
     size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
     with open_recording(folder / manifest.sequences[0].file) as first:
@@ -411,31 +424,34 @@ def index_command(
     out.print(f"{size}; next: {manifest.next_command(folder)}{method}", soft_wrap=True)
 
 
+def _some(names: list[str]) -> str:
+    """Return the first names, and how many others there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
 def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:
     """Describe what a stream holds and how it was made.
 
     This is its length, rates, light, lens and true focus.
     """
-    from saf_gen.stream.description import describe_content, describe_events, describe_frames, describe_provenance
+    from saf_gen.stream import description
     from saf_gen.stream.event_file import has_events, open_events
     from saf_gen.stream.frame_file import has_frames, open_frames
     from saf_gen.stream.stream_file import open_stream
 
+    opener: Any = open_stream
+    describe: Any = description.describe_content
     if has_events(stream):
-        with open_events(stream) as events:
-            path, content, provenance = str(events.path), describe_events(events), describe_provenance(events)
+        opener, describe = open_events, description.describe_events
     elif has_frames(stream):
-        with open_frames(stream) as frames:
-            path, content, provenance = str(frames.path), describe_frames(frames), describe_provenance(frames)
-    else:
-        with open_stream(stream) as opened:
-            path, content, provenance = str(opened.path), describe_content(opened), describe_provenance(opened)
-    if as_json:
-        print_json(content | provenance)
-        return
-    print_facts(content, title=path)
-    out.print()
-    print_facts(provenance, title="how it was made")
+        opener, describe = open_frames, description.describe_frames
+    with opener(stream) as opened:
+        if as_json:
+            print_json(description.describe_in_numbers(opened))
+            return
+        print_facts(describe(opened), title=str(opened.path))
+        out.print()
+        print_facts(description.describe_provenance(opened), title="how it was made")
 
 
 def view_command(
@@ -457,6 +473,10 @@ def view_command(
     every: Annotated[
         int | None, typer.Option(min=1, help="Frames from one picture to the next (default: evenly spaced).")
     ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(help="answer: where measures agree, or both places, by the evaluation that lies beside it."),
+    ] = None,
     measure: Annotated[list[str] | None, typer.Option(help="Focus measure whose curve is drawn; repeatable.")] = None,
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
     fps: Annotated[float, typer.Option(help="Pictures per second of .gif and .html.")] = 12.0,
@@ -470,7 +490,16 @@ def view_command(
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
+    if at not in (None, ANSWER):
+        raise unknown("place", at, allowed=[ANSWER], hint="--from and --to state frames")
+    if at is not None and (first or stop or every):
+        raise BadInput("--at is given with --from, --to or --every", hint="leave them out: --at says which frames")
     with open_recording(stream) as opened:
+        agreement = None
+        if at is not None:
+            from saf_gen.leaderboard.agreement import read_agreement
+
+            agreement = read_agreement(stream, opened.content_sha256)
         for name in measure or ():
             if misfit := measure_misfit(name, opened.counted, form=opened.form):
                 raise misfit
@@ -482,6 +511,7 @@ def view_command(
             first=first,
             stop=stop,
             every=every,
+            at=[place.frame for place in agreement.places] if agreement else (),
             measures=measure or (),
             find_measure=admit_measure,
             region=region,
@@ -489,6 +519,8 @@ def view_command(
         )
     size = f"{plural(len(pictures.starts), 'picture')} of {plural(pictures.window, 'frame')}"
     out.print(f"{size}{'' if len(pictures.starts) == 1 else ' each'} in {target}")
+    if agreement:
+        out.print(agreement.describe(), soft_wrap=True)
 
 
 COMMANDS = {
@@ -528,7 +560,11 @@ COMMANDS = {
     ),
     "view": Command(
         view_command,
-        ("view recording.h5 --out sweep.png --measure sd", "view recording.h5 --out sweep.html --as tfi --window 200"),
+        (
+            "view recording.h5 --out sweep.png --measure sd",
+            "view recording.h5 --out sweep.html --as tfi --window 200",
+            "view recording.h5 --out answer.png --at answer",
+        ),
         Panel.RECORDINGS,
         NOTHING_WRITTEN,
     ),

@@ -14,8 +14,11 @@ from operator import attrgetter, itemgetter
 from typing import Any, Literal
 
 from saf_gen.core.plain_text import escape_latex, escape_markdown
+from saf_gen.errors import escape_controls
 
 UNKNOWN = "–"
+TEXT_WIDTH = 80
+"""Width of a terminal, in characters."""
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """Characters that begin a formula in a spreadsheet; a formula may read files and open addresses."""
 
@@ -127,6 +130,15 @@ class Table:
         lines = [c.name for c in self.columns], *([c.get(row) for c in self.columns] for row in self.rows)
         return "".join(map(_format_csv_line, lines))
 
+    def to_text(self, width: int = TEXT_WIDTH) -> str:
+        """Return the shown columns that fit into a width, in characters, as a table of plain text."""
+        texts = {c: [escape_controls(text) for text in (c.header, *map(c.text, self.rows))] for c in self.shown}
+        widths = {c: max(map(len, cells)) for c, cells in texts.items()}
+        shown = choose_columns(self.shown, fits=lambda some: sum(widths[c] + 3 for c in some) < width)
+        cells = [[t.rjust(widths[c]) if c.justify == "right" else t.ljust(widths[c]) for t in texts[c]] for c in shown]
+        head, *lines = (f"  {'   '.join(row)}".rstrip() for row in zip(*cells, strict=True))
+        return "\n".join([head, " " + "─" * (sum(widths[c] + 3 for c in shown)), *lines])
+
     def to_markdown(self, *, explain: bool = False) -> str:
         """Return the shown columns as GitHub-flavoured Markdown; with ``explain``, meanings stand below headings."""
         shown = self.shown
@@ -164,6 +176,20 @@ class Table:
         )
 
 
+def choose_columns(columns: Sequence[Column], *, fits: Callable[[Sequence[Column]], bool]) -> list[Column]:
+    """Return the columns that fit, in order; once a column does not fit, those of a higher level are left out."""
+    shown = [column for column in columns if column.detail == 0]
+    for detail in sorted({column.detail for column in columns} - {0}):
+        level = [column for column in columns if column.detail == detail]
+        for group in dict.fromkeys(column.together or column.header for column in level):
+            wider = [c for c in columns if c in shown or (c in level and (c.together or c.header) == group)]
+            if fits(wider):
+                shown = wider
+        if not all(column in shown for column in level):
+            break
+    return shown
+
+
 def percent(fraction: float) -> str:
     """Return a fraction as a percentage without decimals; halves are rounded up."""
     return f"{fraction + 1e-9:.0%}"  # 0.375 becomes 38 % even if rounding makes it slightly smaller
@@ -175,7 +201,12 @@ def _escape_heading(header: str) -> str:
 
 
 def _format_csv_line(cells: Iterable[Any]) -> str:
-    safe = (f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA_STARTS) else cell for cell in cells)
+    def safe(cell: Any) -> Any:
+        if not isinstance(cell, str):
+            return cell
+        return "'" * cell.startswith(FORMULA_STARTS) + escape_controls(cell, keep="\t\r\n")
+
     line = io.StringIO()
-    csv.writer(line, lineterminator="\r\n").writerow(safe)  # it quotes a line break only if it ends its lines so
+    # It quotes a line break only if it ends its lines so.
+    csv.writer(line, lineterminator="\r\n").writerow(map(safe, cells))
     return line.getvalue().removesuffix("\r\n") + "\n"

@@ -22,7 +22,7 @@ from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_sche
 from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
 from saf_gen.core.shipped import shipped_folder
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, some_of, unknown
 from saf_gen.generate.light_schema import define_lights
 from saf_gen.optics import AxialColour
 from saf_gen.plugins.lights import read_schedule
@@ -437,9 +437,12 @@ def find_recipe(recipe: str | Path) -> Path:
     """Return the file of a recipe, given by its name if it comes with saf_gen, and otherwise by its path.
 
     A file in the working directory must be given as a path, such as "./mine", so that a name means the same everywhere.
-    Raises BadInput for an unknown name; a path is returned unchanged.
+    Raises BadInput for an unknown name or a folder; a path is returned unchanged.
     """
     name = str(recipe)
+    if Path(name).is_dir() and name not in recipe_names():
+        inside = sorted(str(path) for path in Path(name).glob("*.y*ml"))
+        raise BadInput(f"{name} is a folder", allowed=some_of(inside) or "a recipe file; there is none in it")
     if Path(name).suffix or Path(name).name != name:
         return Path(recipe)
     if name not in recipe_names():

@@ -7,7 +7,7 @@ sequences. Methods with equal success share a rank. Confidence intervals show wh
 given scenes.
 """
 
-from saf_gen.leaderboard.board import Leaderboard, read_leaderboard
+from saf_gen.leaderboard.board import Leaderboard, evaluate, read_leaderboard
 from saf_gen.leaderboard.ranking import LeaderboardRow, rank_methods
 
-__all__ = ["Leaderboard", "LeaderboardRow", "rank_methods", "read_leaderboard"]
+__all__ = ["Leaderboard", "LeaderboardRow", "evaluate", "rank_methods", "read_leaderboard"]

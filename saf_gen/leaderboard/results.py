@@ -17,7 +17,9 @@ from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.registry import is_builtin_name, plugin_class
 from saf_gen.core.plain_text import plural
-from saf_gen.errors import BadInput
+from saf_gen.core.table import percent
+from saf_gen.errors import BadInput, some_of
+from saf_gen.leaderboard.agreement import MIN_SHARE, MIN_VOTES, Agreement, follows_light
 from saf_gen.leaderboard.intervals import MIN_SCENES
 from saf_gen.leaderboard.ranking import LeaderboardRow, group_by, mean_over_scenes, median_magnitude, right_within
 
@@ -199,22 +201,59 @@ MIN_RANKED = 10
 """Smallest number of photographed objects that could rank methods."""
 NAMED_MEASURES = 4
 NAMED_SEQUENCES = 3
+NAMED_METHODS = 3
 
 
-def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+def notes_on(records: Sequence[Record]) -> list[str]:
     """Return the notes that a reader needs to interpret the numbers, one or two sentences each."""
     found = _name_benchmark(records)
-    found += _say_rule(records)
+    found += rule_of(records)
     found += ["Success and cost are averaged over each scene's lights, then over scenes; errors are medians."]
-    reason = next((row.missing_reason for row in rows if row.missing_reason), "")
     scenes = len({r.what.scene for r in records if r.answerable})
-    if reason:
-        found.append(f"There are no intervals: only {reason} have a known truth.")
-    elif scenes:
+    if scenes >= MIN_SCENES:
         found.append(
-            f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once"
-            + ("; with so few scenes, almost no methods can be told apart." if scenes < 2 * MIN_SCENES else ".")
+            f"Each 95 % interval over {scenes} scenes holds alone; rank intervals hold for all rivals of a row at once."
         )
+    return found
+
+
+def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> tuple[str, str]:
+    """Return who wins or, if other methods cannot be told apart from the first, how little the scenes can say.
+
+    The first of the two texts may be empty.
+    """
+    leaders = [row for row in rows if row.rank == 1]
+    if not leaders:
+        why = "No sequence has a known truth within reach of its lens, so methods are not ranked"
+        return "", f"{why} and the table shows only their cost."
+    best, others = leaders[0], len(rows) - len(leaders)
+    level = sum(row.level_with_best is not False for row in rows if row.rank != 1)  # None: too few scenes to test
+    names = ", ".join(row.method for row in leaders[:NAMED_METHODS])
+    names += f" and {len(leaders) - NAMED_METHODS} more" if len(leaders) > NAMED_METHODS else ""
+    answerable = plural(best.answerable or 0, "sequence")
+    right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
+    scenes = len({record.what.scene for record in records if record.answerable})
+    if len(rows) == 1:
+        return "", f"{names}: {right}."
+    if level == others and (others or len(leaders) > 1):
+        some = plural(scenes, "scene") + (f" (intervals need {MIN_SCENES})" if scenes < MIN_SCENES else "")
+        return (
+            f"Undecided: {some} cannot tell these {plural(len(rows), 'method')} apart.",
+            f"{names} {'is' if len(leaders) == 1 else 'are'} most often {right}.",
+        )
+    if level or len(leaders) > 1:
+        rest = "every other method can be told apart"
+        if level:
+            them = "it" if len(leaders) == 1 else "them"
+            rest = f"{level} of {plural(others, 'other method')} cannot be told apart from {them}"
+        return f"{names} {'leads' if len(leaders) == 1 else 'lead together'}:", f"{right}; {rest}."
+    return f"{names} wins:", f"{right}, and every other method can be told apart from it."
+
+
+def warnings_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[str]:
+    """Return what is wrong with methods, recordings or machines, one or two sentences each."""
+    found = []
+    scenes = {r.what.scene for r in records if r.answerable}
     unranked = {r.what.scene for r in records if r.judgement.error is not None}
     if not scenes and unranked:
         few = "; and no rank comes from fewer than ten objects" if len(unranked) < MIN_RANKED else ""
@@ -233,7 +272,33 @@ def notes_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> list[
     return found
 
 
-def _say_rule(records: Iterable[Record]) -> list[str]:
+def lead_without_truth(agreements: Sequence[Agreement]) -> list[str]:
+    """Return what the measures agree on: a sentence on a single recording, the numbers of several."""
+    if not agreements:
+        return [
+            f"No answer of all: that takes {MIN_VOTES} measures of saf_gen that do not follow the light. "
+            "Add -m baselines."
+        ]
+    if len(agreements) == 1:
+        return [agreements[0].describe()]
+    agreed = sum(one.agrees for one in agreements)
+    return [f"At least {percent(MIN_SHARE)} of the measures agree on {agreed} of {len(agreements)} recordings."]
+
+
+def notes_without_truth(records: Sequence[Record], agreements: Sequence[Agreement]) -> list[str]:
+    """Return the notes that a reader of answers that nobody judged needs."""
+    followers = sorted({measure for measure in map(_measure, records) if follows_light(measure)})
+    found = [f"Not asked, because their scores grow with the light: {some_of(followers)}."] if followers else []
+    if any(agreement.places for agreement in agreements):
+        found.append("To see the answer: saf-gen view RECORDING --at answer --out answer.png.")
+    return [
+        *found,
+        *_name_obstacles(records),
+        "To judge methods, state the true focus to saf-gen import: --truth POSITION, or --truth frame:NUMBER.",
+    ]
+
+
+def rule_of(records: Iterable[Record]) -> list[str]:
     """Return a sentence, in a list, that says by what methods are ranked, and on how many sequences; [] if on none."""
     known = {r.what.sequence: r.answerable for r in records}
     if not any(known.values()):

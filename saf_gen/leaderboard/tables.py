@@ -8,10 +8,11 @@ from operator import attrgetter, itemgetter
 from typing import Any
 
 from saf_gen.benchmark.curve_quality import AssessedCurve, CurveQuality
-from saf_gen.benchmark.records import RECORDS_FILE
+from saf_gen.benchmark.records import RECORDS_FILE, Record
 from saf_gen.benchmark.view.operations import OVER_DECLARED
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import UNKNOWN, Column, Table, percent
+from saf_gen.leaderboard.agreement import NEAR, Agreement
 from saf_gen.leaderboard.ranking import (
     FALSE_ABSTENTION_COST,
     LEAST_TIMED_S,
@@ -23,6 +24,7 @@ from saf_gen.leaderboard.ranking import (
 )
 from saf_gen.leaderboard.results import AxisResults, Bin, SceneGrain
 
+POSITION = "Position of the lens at the answer, as a fraction of the travel."
 ESSENTIAL, USUAL, INTERVALS, ALL = range(4)
 """Levels of detail of the columns of a ranking; if space is short, columns of the highest level are left out first."""
 MAX_GRAIN_ROWS = 100
@@ -53,14 +55,33 @@ def _interval(
 # --- ranking -------------------------------------------------------------------------------------------
 
 
-def ranking(rows: Sequence[LeaderboardRow]) -> Table:
-    """Return the leaderboard, with a column for each light schedule."""
+def ranking(rows: Sequence[LeaderboardRow], *, answers: Mapping[str, Record] | None = None) -> Table:
+    """Return the leaderboard, with a column for each light schedule.
+
+    If nothing is judged, because no truth is known, readers see the ``answers`` of the methods in place of ranks.
+    """
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     apart = any(row.success_least_blur is not None for row in rows)
     judged = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
     columns = (*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ABSTAINING, *_ERROR, *_COST)
     shown = [replace(c, for_programs=True) if judged and c.name == "abstained" else c for c in columns]
-    return Table(shown, rows, "Leaderboard", _mark)
+    return Table(shown if answers is None else _unjudged(shown, rows, answers=answers), rows, "Leaderboard", _mark)
+
+
+def _unjudged(
+    columns: Sequence[Column], rows: Sequence[LeaderboardRow], *, answers: Mapping[str, Record]
+) -> list[Column]:
+    """Return the columns for answers that nobody judged: readers see the method, its answer and its computing time."""
+
+    def answer(name: str, format: str, meaning: str) -> Column:
+        return _number(name, lambda row: getattr(answers[row.method].judgement, name), format, meaning)
+
+    found = answer("frame", ".0f", "Frame of the answer, counted from 0."), answer("position", ".3f", POSITION)
+    seconds = next(replace(c, header="seconds", detail=ESSENTIAL, group="") for c in columns if c.name == "seconds")
+    readable = ["method", *(["failed"] if any(row.failed for row in rows) else [])]
+    others = [c if c.name in readable else replace(c, for_programs=True) for c in columns if c.name != "seconds"]
+    at = next(number for number, column in enumerate(others) if column.name == "method") + 1
+    return [*others[:at], *(found if answers else ()), seconds, *others[at:]]
 
 
 def shade(board: Table) -> Table:
@@ -264,7 +285,6 @@ _ERROR = (
         percent,
         "Sharpness lost at the answer: 1 − S(answer)/S(best), with S the noise-free SD of the target's box at each "
         "rendered position; median. Scenes that move have none.",
-        detail=USUAL,
         optional=True,
     ),
     _error(
@@ -288,6 +308,7 @@ _COST = (
         "lens_travel",
         ".2f",
         "Distance that the lens moves, in travels, during the frames seen and then to the answer.",
+        detail=ALL,
     ),
     _cost(
         "turns", "reversals", ".1f", "Number of times that the lens reversed, if the method moves it.", optional=True
@@ -521,6 +542,36 @@ def rank_measures(found: Sequence[AssessedCurve]) -> list[MeasureRow]:
 def _accuracy(row: MeasureRow) -> tuple[float, str]:
     accuracy = row.medians["accuracy_dof"]
     return inf if accuracy is None else accuracy, row.measure
+
+
+# --- agreement -----------------------------------------------------------------------------------------
+
+
+def agreement(found: Sequence[Agreement]) -> Table:
+    """Return the answer of all measures on each recording without a truth."""
+    return Table(_AGREEMENT, found, "Where the measures agree")
+
+
+def _of_place(number: int, name: str) -> Callable[[Agreement], Any]:
+    return lambda one: getattr(one.places[number], name) if len(one.places) > number else None
+
+
+_AGREEMENT = (
+    Column("recording", "sequence", kind="name"),
+    _number(
+        "agree",
+        "share",
+        percent,
+        f"Share of the measures whose answers are within {NEAR:.0%} of the travel, or of the frames where the lens is "
+        "unknown, of the answer. Measures whose scores grow with the light are not asked.",
+    ),
+    _number("frame", _of_place(0, "frame"), ".0f", "Frame of the answer, counted from 0."),
+    _number("position", _of_place(0, "position"), ".3f", POSITION),
+    _number(
+        "other frame", _of_place(1, "frame"), ".0f", "Where they disagree, the frame that most of the others chose."
+    ),
+    _number("other position", _of_place(1, "position"), ".3f", "Position of the lens there."),
+)
 
 
 # --- data ----------------------------------------------------------------------------------------------

@@ -13,11 +13,12 @@ from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.recordings import open_recording
 from saf_gen.stream.sharing.croissant import RECORDED, DatasetFacts, write_croissant
 
-SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[a-z0-9_]+)-(?P<repeat>\d+)")
-"""Names of sequences as this package writes them.
+SEQUENCE_NAME = re.compile(r"(?P<scene>.+?)(?P<moves>-dynamic)?-(?P<light>[^-]+)-(?P<repeat>\d+)")
+"""Names of sequences, as this package writes them: SCENE-LIGHT-NUMBER.
 
-Any other name is taken as the name of the scene, and its light is called ``recorded``.
+Any other name is taken as the name of the scene, and its light is UNNAMED_LIGHT.
 """
+UNNAMED_LIGHT = "recorded"
 
 
 def index_folder(folder: str | Path, *, split: str = "test") -> Manifest:
@@ -88,7 +89,7 @@ def _entry(root: Path, file: Path, *, split: str, kinds: dict[str, str]) -> Sequ
         variant=0,
         scene_motion="dynamic" if named and named["moves"] else "static",
         lens_motion="recorded",
-        light=named["light"] if named else "recorded",
+        light=named["light"] if named else UNNAMED_LIGHT,
         repeat=int(named["repeat"]) if named else 0,
         seed=0,
         file=inside.as_posix(),

@@ -1,4 +1,4 @@
-"""Descriptions of streams in words: their content and their provenance."""
+"""Descriptions of streams: their content and their provenance in words, and both as numbers for programs."""
 
 import math
 from itertools import pairwise
@@ -111,6 +111,58 @@ def describe_provenance(stream: ReadableStream | EventFile | FrameFile) -> dict[
             facts[name] = text
     facts["content sha256"] = stream.content_sha256
     return facts
+
+
+def describe_in_numbers(stream: ReadableStream | EventFile | FrameFile) -> dict[str, Any]:
+    """Return what a stream holds and how it was made, as values of JSON; what is not known is null or missing.
+
+    Ranges and ends are lists of two numbers; positions are fractions of the travel. ``mean_rate`` is in spikes per
+    pixel and readout, of which all are read.
+    """
+    frames, rows, columns = stream.shape
+    metadata, truth, grain = stream.metadata, stream.truth, grain_of_stream(stream.metadata.provenance)
+    readouts = metadata.readout_of(frames - 1) + 1
+    facts: dict[str, Any] = {
+        "kind": stream.counted,
+        "rows": rows,
+        "columns": columns,
+        "frames": frames,
+        "readout_hz": stream.readout_hz,
+        "seconds": readouts / stream.readout_hz,
+        "lost_readouts": readouts - frames,
+        "masked_pixels": 0 if metadata.mask is None else int(np.count_nonzero(metadata.mask)),
+    }
+    if isinstance(stream, EventFile):
+        facts |= {"events": stream.count, "rises": stream.rises()}
+    elif not isinstance(stream, FrameFile):
+        facts["mean_rate"] = stream.counts(0, frames).mean() / frames
+    if stream.gain is not None:
+        names = stream.light_names or [f"{n + 1}" for n in range(stream.gain.shape[1])]
+        facts["gain"] = {name: [gain.min(), gain.max()] for name, gain in zip(names, stream.gain.T, strict=True)}
+    for name in ("focus_position", "image_distance", "object_distance"):
+        if (values := getattr(metadata, name)) is not None:
+            facts[name] = [values[0], values[-1]]
+    facts["truth"] = {"position": truth.position, "frame": truth.frame, "depth_of_focus": truth.depth_of_focus}
+    if truth.least_blur is not None:
+        facts["truth"]["least_blur"] = truth.least_blur
+    if truth.target is not None:
+        facts["truth"]["target"] = np.mean(truth.target)
+    if grain is not None:
+        facts["grain"] = {"rms_in_focus": grain.rms_in_focus, "rms_range": grain.rms_range}
+    making = {name: _read_json(stream, name) or text for name, text in metadata.provenance.items()}
+    return _plain(
+        facts | {"provenance": making, "bytes": stream.path.stat().st_size, "content_sha256": stream.content_sha256}
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of JSON: numbers of numpy as those of Python, and those that are not finite as None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    number = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(number, float) and not math.isfinite(number) else number
 
 
 def _read_json(stream: ReadableStream | EventFile | FrameFile, name: str) -> dict[str, Any]:

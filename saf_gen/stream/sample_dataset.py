@@ -8,6 +8,19 @@ SAMPLE = "sample"
 """Name of the dataset on the command line, where no folder has this name."""
 
 
+def find_data(source: Path) -> Path:
+    """Return the dataset or recording at a path or, if nothing is there, of a name.
+
+    The name ``sample`` is the sample, and any other that of a folder in ``datasets``, where saf-gen generate writes.
+    """
+    if source.exists() or source.name != str(source):
+        return source
+    if str(source) == SAMPLE:
+        return sample()
+    generated = "datasets" / source
+    return generated if generated.is_dir() else source
+
+
 def sample() -> Path:
     """Return the folder of a small dataset: one scene under three lights, swept through its focus.
 

@@ -64,7 +64,8 @@ def open_stream(path: str | os.PathLike[str], *, threads: int | None = None) -> 
         check_on_disk(where)
         if where.exists():
             what = "a folder" if where.is_dir() else "not a file on a disk"
-            raise BadInput(f"this is {what}", where=str(where), allowed="a stream file (.h5)")
+            inside = next((str(path) for pattern in ("*.h5", "*/*.h5") for path in sorted(where.glob(pattern))), "")
+            raise BadInput(f"this is {what}", where=str(where), allowed="a stream file (.h5)", nearest=inside)
         others = [p.name for p in where.parent.iterdir()] if where.parent.is_dir() else []
         missing = "there is no such file" if where.parent.is_dir() else f"there is no folder {str(where.parent)!r}"
         raise BadInput(missing, where=str(where), nearest=closest(where.name, others))

@@ -130,7 +130,6 @@ def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
         ("ends", "its process ended with exit code 0"),
         ("leaves", "its code called exit"),
         ("crashes", "SIGSEGV"),
-        ("missing", "cannot be loaded: AttributeError"),
     ],
 )
 def test_a_measure_that_ends_or_crashes_is_one_line(call, theirs, stream, tmp_path, door, name, says):

@@ -10,6 +10,7 @@ from own_plugins import PARTS
 from planted_sweeps import SHAPE, list_streams, make_spikes, make_truth, write_sweep
 from refusals import assert_says, refusal
 
+from saf_gen.benchmark.admission import read_methods
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -81,10 +82,31 @@ PAIR = "MEASURE+SEARCH | saf-gen methods list"
         ("sd_code+argmax:window", "option 'window'"),
         ("sd_code+argmax:window=many", "'many'"),
         ("sd+argmax@fram", "region 'fram' | mean 'frame'"),
+        ("argmax:window=50+sd", "names the search first | mean 'sd+argmax:window=50'"),
+        ("baseline", "mean 'baselines'"),
     ],
 )
 def test_a_name_of_no_method_is_refused_with_the_nearest_or_an_example(spec, words):
     assert_says(refusal(parse_method, spec), f"{spec} | {words}")
+
+
+def test_a_file_and_a_function_in_it_are_suggested(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.py").write_text("import os\n\ndef lap2(counts):\n    return 1.0\n")
+    assert refusal(parse_method, "my:lap2+argmax").nearest == "my.py:lap2+argmax"
+    error = refusal(parse_method, "my.py:lap+argmax")
+    assert (error.problem, error.allowed, error.nearest) == ("my.py has no 'lap'", "lap2", "lap2")
+
+
+@pytest.mark.parametrize("given", ["list", "file"])
+def test_baselines_stand_for_the_methods_of_the_track_beside_others(stream_file, tmp_path, monkeypatch, given):
+    monkeypatch.setattr("saf_gen.benchmark.evaluate.DEFAULT_RECORDED_METHODS", ("sd+argmax", "cen+argmax"))
+    methods = ["sd_code+argmax", "baselines", "sd+argmax"]
+    if given == "file":
+        (tmp_path / "methods.txt").write_text("\n".join(methods))
+        methods = read_methods(tmp_path / "methods.txt")
+    ran = [record.who.method for record in evaluate(stream_file, methods=methods).records]
+    assert ran == ["sd_code+argmax", "sd+argmax", "cen+argmax"]
 
 
 def test_argmax_finds_the_planted_focus_within_a_block(stream_file):

@@ -129,7 +129,7 @@ CARDS = [
     (CARD.replace("model.py:Net", "/etc/model.py:Net"), "'/etc/model.py' is outside my_method"),
     (CARD.replace("model.py:Net", "os.path:join"), "the measure is 'os.path:join'; allowed: file.py:Name of a file"),
     (CARD.replace("model.py:Net:weights=weights.txt", "model.py"), "the measure is 'model.py'; allowed: file.py:Name"),
-    (CARD.replace("model.py:Net", "model.py:Nett"), "cannot be loaded: AttributeError: "),
+    (CARD.replace("model.py:Net", "model.py:Nett"), "model.py has no 'Nett'"),
     (CARD.replace("argmax:window=50", "argmin"), "unknown search 'argmin'"),
     (CARD.replace("window=50", "window"), "malformed option 'window'"),
     (CARD.replace("window=50", "windows=50"), "'windows'"),

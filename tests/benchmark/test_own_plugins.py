@@ -28,7 +28,7 @@ def test_parts_of_a_package_are_found_by_python(own, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("{own}:Rnge", "cannot be loaded: AttributeError.*'Rnge'.*allowed: package.module:NAME"),
+        ("{own}:Rnge", "parts_of_a_test.py has no 'Rnge'; allowed: .*did you mean 'Range'"),
         ("{own}:NoPart", "is not a plug-in; allowed: a function or a class"),
         ("nowhere.py:Range", "cannot be loaded: FileNotFoundError"),
         ("no_such.package:Range", "cannot be loaded: ModuleNotFoundError"),

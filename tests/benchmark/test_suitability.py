@@ -102,6 +102,16 @@ def test_a_method_of_others_is_refused_for_what_it_uses_of_ours(mine, recording,
     assert_says(refusal(evaluate, mine / recording, methods=[method]), words)
 
 
+def test_of_the_baselines_those_that_do_not_suit_are_left_out_and_a_named_method_is_refused(mine, monkeypatch):
+    monkeypatch.setattr("saf_gen.benchmark.evaluate.DEFAULT_RECORDED_METHODS", ("sd+argmax", "sd_debiased+argmax"))
+    lines = []
+    ran = evaluate(mine / "photons.h5", methods=["er_count+argmax", "baselines"], tell=lines.append).records
+    assert [record.who.method for record in ran] == ["er_count+argmax", "sd+argmax"]
+    assert lines == ["left out, because these recordings hold single photons: sd_debiased+argmax"]
+    error = refusal(evaluate, mine / "photons.h5", methods=["baselines", "sd_debiased+argmax"])
+    assert_says(error, "sd_debiased+argmax corrects for the noise of spikes")
+
+
 @pytest.mark.slow
 def test_other_methods_of_others_take_every_camera(mine):
     for recording in ("photons.h5", "events.h5"):

@@ -232,7 +232,7 @@ def test_findings_come_as_json_and_nothing_else_does(call, own):
     [
         ("check", "sdd", "did you mean 'sd'"),
         ("show", "sd+argmx", "did you mean 'argmax'"),
-        ("check", "somebody.py:Totl", "cannot be loaded"),
+        ("check", "somebody.py:Totl", "somebody.py has no 'Totl'; allowed: Total"),
         ("show", "@gone.json", "does not exist"),
     ],
 )

@@ -149,10 +149,10 @@ def test_an_evaluation_is_written_although_the_pipe_is_closed_already(call, make
 def test_an_evaluation_that_replaces_one_of_other_splits_reports_them(call, make, tmp_path):
     command = ("evaluate", make(**TWO), *METHOD, "--out", tmp_path / "out")
     assert call(*command, "--split", "all")[0] == 0
-    last = call(*command)[1].splitlines()[-1]
+    last = call(*command)[1].splitlines()[-2]
     assert last == "replaced the earlier evaluation of 1 method on test and train"
     assert {r.what.split for r in read_records(tmp_path / "out")} == {"test"}
-    assert call(*command)[1].splitlines()[-1] == "replaced the earlier evaluation of 1 method"
+    assert call(*command)[1].splitlines()[-2] == "replaced the earlier evaluation of 1 method"
 
 
 def test_a_stopped_evaluation_of_all_splits_goes_on_with_one(call, make, tmp_path, monkeypatch):

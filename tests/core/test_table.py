@@ -62,6 +62,12 @@ def test_no_text_in_a_csv_is_a_formula_and_numbers_stay_numbers(text):
     assert not re.match(r"[=+@\t\r\n-]", cell)
 
 
+@pytest.mark.parametrize("text", ["\x1b[31mred", "a\u202eb", "\x07", "\x9b2J"])
+def test_no_text_in_a_csv_steers_a_terminal(text):
+    assert text not in Table.of(["text"], [(text,)]).to_csv()
+    assert "灯 °C" in Table.of(["text"], [("灯 °C",)]).to_csv()
+
+
 def test_a_text_is_formatted_from_the_value_and_a_dash_where_it_is_unknown():
     _, rate, interval, size = TABLE.shown  # not the note, which nobody has
     assert [column.header for column in TABLE.up_to(2).shown] == ["method", "≤1 DoF", "95 %"]

@@ -11,9 +11,16 @@ from refusals import assert_says, refusal
 
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.generate.cost import render_seconds
-from saf_gen.generate.recipe import FocusSettings, read_recipe
+from saf_gen.generate.recipe import FocusSettings, find_recipe, read_recipe
 from saf_gen.generate.resolve import MIN_POSITIONS, coarse_sampling, recipe_digest, recipe_fingerprint, resolve_recipe
 from saf_gen.optics import DRIVES
+
+
+def test_of_a_folder_the_recipes_in_it_are_named(tmp_path):
+    assert refusal(find_recipe, tmp_path).allowed == "a recipe file; there is none in it"
+    (tmp_path / "mine.yaml").touch()
+    assert refusal(find_recipe, tmp_path).allowed == str(tmp_path / "mine.yaml")
+
 
 GOOD = """\
 name: tiny

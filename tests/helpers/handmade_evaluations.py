@@ -27,7 +27,8 @@ def board_of(records, *, failures=(), **more):
 
 def write_board(folder, records, **more):
     """Write the evaluation of these records into a folder, and return the paths of its files."""
-    return write_evaluation(folder, board_of(records, **more), title="title").paths
+    write_evaluation(folder, board_of(records, **more), title="title")
+    return sorted(folder.iterdir())
 
 
 def make_sweep(

@@ -7,7 +7,8 @@ from saf_gen.leaderboard.report import write_evaluation
 
 @pytest.fixture(scope="session")
 def small_report(tmp_path_factory):
-    """Folder and paths of the report of a handmade evaluation. Do not change it."""
+    """Folder and files of the report of a handmade evaluation. Do not change it."""
     folder = tmp_path_factory.mktemp("report")
     made = make_evaluation()
-    return folder, write_evaluation(folder, Leaderboard.of(made), title="small", delivered=make_delivered()).paths
+    write_evaluation(folder, Leaderboard.of(made), title="small", delivered=make_delivered())
+    return folder, sorted(folder.iterdir())

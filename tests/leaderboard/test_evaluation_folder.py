@@ -54,7 +54,14 @@ def held(folder):
 
 COMPUTING = (
     *(ranking.rank, ranking.method_intervals, ranking.collect_outcomes, ranking.compare_methods),
-    *(results.by_axis, results.keep_largest, results.notes_on, results.grain_by_scene, results.spell_out_names),
+    *(
+        results.by_axis,
+        results.keep_largest,
+        results.notes_on,
+        results.warnings_on,
+        results.grain_by_scene,
+        results.spell_out_names,
+    ),
     *(tables.ranking, tables.by_bin, tables.bin_lines, tables.neighbours, tables.profile_lines, tables.curves),
     *(tables.measures, tables.rank_measures, results.describe_records, charts.make_charts, page.build_page),
 )
@@ -88,7 +95,7 @@ def test_each_selection_of_sequences_is_ranked_once(tmp_path, monkeypatch):
 def test_a_later_evaluation_replaces_the_earlier_one_and_leaves_no_curve_of_it(tmp_path):
     written = write(tmp_path, with_curves())
     assert held(tmp_path) == TABLES | CURVES
-    assert {path.name for path in written.paths} == TABLES | CURVES
+    assert {path.name for path in written.page.parent.iterdir()} == TABLES | CURVES
     assert written.replaced == ""
     foreign = {"notes.txt", "figures/mine.svg"}
     (tmp_path / "figures").mkdir()

@@ -8,7 +8,7 @@ from refusals import refusal
 
 from saf_gen.benchmark.results import SequenceFailure
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.results import notes_on
+from saf_gen.leaderboard.results import notes_on, rule_of, verdict_on, warnings_on
 from saf_gen.leaderboard.tables import ranking
 
 
@@ -169,22 +169,26 @@ def test_with_two_scenes_the_table_has_no_interval_and_says_why(tmp_path):
     assert (rows[0].rank_best, rows[0].answerable_1dof_low, rows[0].level_with_best) == (None,) * 3
     assert rows[0].missing_reason == "2 of 3 required scenes"
     assert "rank_best" not in {c.name for c in ranking(rows).shown}
-    assert any(note.startswith("There are no intervals: only 2 of 3 required scenes") for note in notes_on(rows, some))
+    assert verdict_on(rows, some) == (
+        "Undecided: 2 scenes (intervals need 3) cannot tell these 2 methods apart.",
+        "a+s is most often right on 100% of 2 sequences, averaged over scenes.",
+    )
     write_board(tmp_path, some)
     document = json.loads((tmp_path / "leaderboard.json").read_text())
     assert document["intervals"]["unknown"] == "2 of 3 required scenes"
     assert document["rows"][0]["answerable_1dof_low"] is None
-    assert "There are no intervals" in (tmp_path / "leaderboard.md").read_text()
+    assert "Undecided: 2 scenes (intervals need 3) cannot" in (tmp_path / "leaderboard.md").read_text()
 
 
 def test_notes_mention_few_scenes_and_two_machines(twelve):
-    assert any("over 12 scenes holds alone" in note for note in notes_on(rank_methods(twelve), twelve))
-    few = over("a+s", [0, 0, 0])
-    assert any(
-        "with so few scenes, almost no methods can be told apart." in note for note in notes_on(rank_methods(few), few)
+    assert any("over 12 scenes holds alone" in note for note in notes_on(twelve))
+    few = [*over("a+s", [0, 0, 0]), *over("b+s", [0, 0, 9])]
+    assert verdict_on(rank_methods(few), few) == (
+        "Undecided: 3 scenes cannot tell these 2 methods apart.",
+        "a+s is most often right on 100% of 3 sequences, averaged over scenes.",
     )
     mixed = [*over("a+s", [0, 0, 0], machine="x, 2 cores"), *over("b+s", [0, 0, 0], machine="y, 9 cores")]
-    notes = notes_on(rank_methods(mixed), mixed)
+    notes = warnings_on(rank_methods(mixed), mixed)
     assert "Seconds cannot be compared: they come from 2 machines: x, 2 cores; y, 9 cores." in notes
 
 
@@ -259,7 +263,7 @@ def test_answers_rank_where_there_is_one_and_both_errors_of_abstaining_stand_bes
     assert (row.answerable, row.without_answer, row.rank) == (1, 1, 1)
     text = {c.name: c.text(row) for c in ranking([row]).shown}
     assert text["false_answers"] == f"{expected[2]} of 1"
-    assert "on the 1 of 2 sequences with an answer; on the 1 without" in " ".join(notes_on([row], records))
+    assert "on the 1 of 2 sequences with an answer; on the 1 without" in " ".join(rule_of(records))
 
 
 def test_a_method_that_only_abstains_better_has_the_same_rank():

@@ -8,7 +8,7 @@ from handmade_records import change, record
 
 from saf_gen.leaderboard import Leaderboard, rank_methods
 from saf_gen.leaderboard.report.page import build_page
-from saf_gen.leaderboard.results import grain_by_scene, grain_warning, notes_on
+from saf_gen.leaderboard.results import grain_by_scene, grain_warning, warnings_on
 
 
 def grainy(method, sequence, of_curve, *, rms=0.02, **more):
@@ -32,7 +32,7 @@ def test_the_warning_counts_sequences_and_names_the_worst():
     (warning,) = grain_warning(RECORDS)
     assert "exceeds 10% of the range of a focus curve on 1 of 2 sequences" in warning
     assert "(brenner; at worst 3.1 times the range, brenner on b)" in warning
-    assert warning in notes_on(rank_methods(RECORDS), RECORDS)
+    assert warning in warnings_on(rank_methods(RECORDS), RECORDS)
 
 
 @pytest.mark.parametrize("records", [RECORDS[:3], RECORDS[6:]], ids=["little grain", "unknown"])

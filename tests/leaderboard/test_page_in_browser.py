@@ -16,7 +16,7 @@ from saf_gen.benchmark.plugin_description import describe_plugins
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.leaderboard import Leaderboard, rank_methods
 from saf_gen.leaderboard.report import write_evaluation
-from saf_gen.leaderboard.report.page import add_years, choose_answers
+from saf_gen.leaderboard.report.page import add_sources, choose_answers
 from saf_gen.leaderboard.tables import ranking, shade
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason=NO_CHROMIUM)]
@@ -75,7 +75,7 @@ TIMES = {"time_to_focus_s": 0.2, "seconds": 0.01}
 def python_rows(keep=lambda record: True):
     """The leaderboard's rows for some of the records, computed in Python."""
     records = make_records()
-    shown = add_years(shade(board_of(records).ranking), make_evaluation().plugins).shown
+    shown = add_sources(shade(board_of(records).ranking), make_evaluation().plugins).shown
     return [[c.text(row) for c in shown] for row in rank_methods([r for r in records if keep(r)])]
 
 
@@ -374,7 +374,7 @@ def test_the_main_columns_need_no_sideways_scrolling_and_all_can_be_asked_for(cr
     assert beyond <= 0
     assert spanned == len(columns)
     assert [name for name in columns if name in MAIN] == MAIN
-    assert (len(columns) > 2 * len(MAIN)) == (width == 1280)
+    assert (len(columns) > len(MAIN)) == (width == 1280)
     assert answer["wide"] == [every, len(every)]
 
 

@@ -22,7 +22,14 @@ from saf_gen.benchmark.results import Evaluation, SequenceFailure
 from saf_gen.leaderboard import Leaderboard, rank_methods
 from saf_gen.leaderboard.report import write_evaluation
 from saf_gen.leaderboard.report.charts import plot_times
-from saf_gen.leaderboard.report.page import MAX_ANSWERS, _year, add_years, build_page, choose_answers, list_selections
+from saf_gen.leaderboard.report.page import (
+    MAX_ANSWERS,
+    _author_and_year,
+    add_sources,
+    build_page,
+    choose_answers,
+    list_selections,
+)
 from saf_gen.leaderboard.results import MAX_SHOWN_BINS
 from saf_gen.leaderboard.tables import ranking, shade
 
@@ -229,7 +236,7 @@ def test_the_code_of_a_measure_keeps_its_lines(report):
 def test_every_selection_is_ranked_as_a_leaderboard_of_its_own(report):
     """The rows of each table body are those of rank_methods on only the records of the selection."""
     records, text = make_records(), report[2]
-    shown = add_years(shade(board_of(records).ranking), make_evaluation().plugins).shown
+    shown = add_sources(shade(board_of(records).ranking), make_evaluation().plugins).shown
     bodies, data = table_rows(text, 'id="board"'), page_data(text)
     names = re.findall(r'<option value="\d+">(.*?)</option>', text)
     selections = list_selections(records)
@@ -330,7 +337,8 @@ def test_the_closed_loop_shows_where_the_lens_went(tmp_path):
 def test_a_page_without_truth_says_that_nothing_ranks():
     records = [record("a+s", "x", None)]
     text = page_of(records)
-    assert "methods are not ranked" in text
+    assert "No answer of all: that takes 3 measures" in text
+    assert "methods are not ranked" in page_of([record("a+s", "x", None, track="closed_loop", frame=None)])
     assert not re.search(r"\bnan\b", text.split("<script>")[0], re.IGNORECASE)
 
 
@@ -371,7 +379,7 @@ def test_the_headline_and_the_table_say_the_same_fraction():
     """Five of eight scenes are 62.5 %, which is rounded up."""
     records = [record("m+s", f"s{i}", 0.0 if i < 5 else 9.0, scene=f"s{i}") for i in range(8)]
     text = page_of(records)
-    assert '<p class="lead"><code>m+s</code>: right on 63% of 8 sequences, averaged over scenes.' in text
+    assert '<p class="lead">m+s: right on 63% of 8 sequences, averaged over scenes.' in text
     assert table_rows(text, 'id="board"')[0][0].count("63%") >= 1
 
 
@@ -391,21 +399,21 @@ def of_scenes(*, right, scenes):
             {"a": 3, "b": 2},
             3,
             ["first", "level"],
-            "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> <code>a+s</code> is most often "
+            "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> a+s is most often "
             "right on 100% of 3 sequences, averaged over scenes.",
         ),
         (
             {"a": 3, "b": 3},
             3,
             ["first", "first"],
-            "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> <code>a+s</code>, "
-            "<code>b+s</code> are most often right on 100% of 3 sequences, averaged over scenes.",
+            "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> a+s, "
+            "b+s are most often right on 100% of 3 sequences, averaged over scenes.",
         ),
         (
             {"a": 60, "b": 2},
             60,
             ["first"],
-            "<strong><code>a+s</code> wins</strong>: right on 100% of 60 sequences"
+            "<strong>a+s wins:</strong> right on 100% of 60 sequences"
             ", averaged over scenes, and every other method "
             "can be told "
             "apart from it.",
@@ -414,15 +422,15 @@ def of_scenes(*, right, scenes):
             {"a": 60, "b": 59, "c": 2},
             60,
             ["first", "level"],
-            "<strong><code>a+s</code> leads</strong>, right on 100% of 60 sequences"
-            ", averaged over scenes; 1 of 2 other methods, shaded, "
+            "<strong>a+s leads:</strong> right on 100% of 60 sequences"
+            ", averaged over scenes; 1 of 2 other methods "
             "cannot be told apart from it.",
         ),
         (
             {"a": 60, "b": 60, "c": 2},
             60,
             ["first", "first"],
-            "<strong><code>a+s</code>, <code>b+s</code> lead together</strong>, right on 100% of 60 sequences"
+            "<strong>a+s, b+s lead together:</strong> right on 100% of 60 sequences"
             ", averaged over scenes; every "
             "other method can be told apart.",
         ),
@@ -442,7 +450,7 @@ def test_the_headline_counts_scenes_as_the_ranking_does():
         for member in range(5)
     ]
     text = page_of(records)
-    assert "Undecided: 1 scene cannot tell these 2 methods apart." in text
+    assert "Undecided: 1 scene (intervals need 3) cannot tell these 2 methods apart." in text
     assert '<tr class="level">' in text  # nothing is tested with so few scenes, so nothing is told apart
 
 
@@ -471,11 +479,11 @@ def test_success_stands_against_the_time_that_includes_computing(track):
     assert [label for _, label in times.ticks][:2] == ["0", "0.5" if longest > 1.2 else "0.2"]
 
 
-def test_the_years_of_a_method_are_those_of_its_first_references():
-    assert [_year(source) for source in (
+def test_a_source_is_the_first_author_and_year_of_the_first_reference():
+    assert [_author_and_year(source) for source in (
         "Equation 12 of Su et al., CVPR 2024, doi:10.1109/CVPR52733.1999.02363.",
         "[1] Exhaustive search. Its code: 2024.",
         "[1] Vollath, 147(3), 1987, doi:x. [2] Santos et al., 1997.",
         "This project, after Vollath, 1987.",
         "",
-    )] == ["2024", "", "1987", "here", ""]  # fmt: skip
+    )] == ["Su 2024", "", "Vollath 1987", "here", ""]  # fmt: skip

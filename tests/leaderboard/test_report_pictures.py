@@ -48,7 +48,7 @@ def test_the_first_and_the_last_method_are_shown_on_the_recording_with_the_media
     found = picture_answers(tasks, board_of(made))
     assert found.sequence == "two"
     assert [method for method, _ in found.answers] == ["good+s", "bad+s"]
-    assert found.answers[1][1] == pytest.approx(150 / 799 / 0.1, abs=1e-3)
+    assert found.answers[1][1] == f"+{150 / 799 / 0.1:.2f} DoF"
     assert found.frames == SHAPE[0] // 100
     sharp, dull = pictures(found)
     assert sharp.shape == (48, 48)  # the whole sensor is no higher

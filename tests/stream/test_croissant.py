@@ -110,12 +110,12 @@ def test_the_licences_of_a_card_are_read(tmp_path, stated, names):
     assert stated_licences(tmp_path) == names
 
 
-def test_the_front_matter_leads_to_the_files_of_each_split():
+def test_the_front_matter_leads_to_the_table_of_sequences():
     _, matter, rest = front_matter(MANIFEST, ["CC-BY-4.0"]).split("---\n")
     found = yaml.safe_load(matter)
     assert found["license"] == ["cc-by-4.0"]
     (config,) = found["configs"]
-    assert config["data_files"] == [{"split": "train", "path": "train/*.h5"}, {"split": "test", "path": "test/*.h5"}]
+    assert config["data_files"] == [{"split": "sequences", "path": "sequences.csv"}]
     assert rest == ""
 
 

@@ -1,5 +1,7 @@
 """The description of a stream in words, on a terminal and in a notebook."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,31 @@ def test_a_stream_with_truth_is_described(tmp_path):
     # 8 of 80 steps of 1/79 are between 0.2 and 0.3.
     assert facts["depth of focus"] == "0.20000 to 0.30000 of the travel, where the lens is in 10.0% of the frames"
     assert making["variant"] == "llvm"
+
+
+def test_a_program_reads_numbers(tmp_path, call):
+    frames = np.zeros((80, 4, 6), dtype=np.uint8)
+    frames[::4] = 1
+    saf_gen.write_stream(
+        tmp_path / "a.h5",
+        frames,
+        readout_hz=40_000,
+        focus_position=np.linspace(0, 1, 80, dtype=np.float32),
+        gain=np.linspace(0.5, 2, 80, dtype=np.float32)[:, None],
+        light_names=("lamp",),
+        truth={"position": 0.25, "depth_of_focus": (0.2, 0.3)},
+        provenance={"variant": "llvm", "lens": '{"f_number": 2.0}'},
+    )
+    facts = json.loads(call("inspect", tmp_path / "a.h5", "--json")[1])
+    assert (facts["frames"], facts["rows"], facts["columns"], facts["readout_hz"]) == (80, 4, 6, 40_000)
+    assert facts["seconds"] == pytest.approx(0.002)
+    assert facts["mean_rate"] == pytest.approx(0.25)
+    assert facts["gain"] == {"lamp": [0.5, 2]}
+    assert facts["focus_position"] == [0, 1]
+    assert facts["truth"]["position"] == 0.25
+    assert facts["truth"]["depth_of_focus"] == [0.2, 0.3]
+    assert facts["truth"]["frame"] is None  # it was not stated
+    assert facts["provenance"] == {"variant": "llvm", "lens": {"f_number": 2.0}}
 
 
 def test_a_tilted_target_and_a_lens_that_blurs_are_described(tmp_path):

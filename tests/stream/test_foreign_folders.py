@@ -10,8 +10,11 @@ import pytest
 from folder_server import serve
 from refusals import assert_says, refusal
 
+from saf_gen.errors import BadInput
 from saf_gen.stream import stream_file
 from saf_gen.stream.dataset import index_folder
+from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.sharing.fetching import check_published
 from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import write_stream
 
@@ -30,6 +33,53 @@ def test_hidden_files_are_left_out_and_named(tmp_path, call, hidden):
     assert code == 0
     assert out.startswith("1 sequence in split test; next: ")
     assert err == f"left out, because hidden: {hidden}\n"
+
+
+@pytest.mark.parametrize("light", ["Sun", "LED_2", "lamp1.5", "half light", "灯", "sun"])
+def test_a_name_tells_scene_and_light_in_letters_of_any_script(tmp_path, call, light):
+    for name in (f"desk-{light}-01", "desk-dynamic-lamp-02", "night-desk-lamp-03"):
+        write_stream(tmp_path / f"{name}.h5", SPIKES)
+    code, _, err = call("dataset", "index", tmp_path)
+    entries = read_manifest(tmp_path).sequences
+    assert {(entry.scene, entry.scene_motion, entry.light, entry.repeat) for entry in entries} == {
+        ("desk", "static", light, 1), ("desk", "dynamic", "lamp", 2), ("night-desk", "static", "lamp", 3)
+    }  # fmt: skip
+    assert (code, err) == (0, "")
+
+
+def test_names_that_tell_no_light_are_counted_as_scenes_and_named(tmp_path, call):
+    names = ["desk sun.h5", "desk lamp.h5", "desk-lamp.h5", "x.h5", "desk-lamp-01.h5"]
+    for name in names:
+        write_stream(tmp_path / name, SPIKES)
+    code, _, err = call("dataset", "index", tmp_path)
+    assert code == 0
+    assert_says(err, "no light | desk-sun-01.h5 | desk lamp.h5, desk sun.h5, desk-lamp.h5 and 1 more")
+    entries = read_manifest(tmp_path).sequences
+    assert sorted(entry.scene for entry in entries if entry.light == "recorded") == [
+        "desk lamp",
+        "desk sun",
+        "desk-lamp",
+        "x",
+    ]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the names are those that Windows refuses")
+@pytest.mark.parametrize("name", ["a:b-lamp-01.h5", "what?-lamp-01.h5", "con.h5", "con/desk-lamp-01.h5"])
+def test_names_that_others_could_not_fetch_are_told_before_anything_is_written(tmp_path, call, name, monkeypatch):
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    write_stream(tmp_path / name, SPIKES)
+    code, _, err = call("dataset", "index", tmp_path)
+    assert code == 0
+    assert err == f"names that some systems cannot hold; rename them before you publish: {name}\n"
+    assert refusal(check_published, tmp_path, read_manifest(tmp_path))
+
+    (tmp_path / "manifest.json").unlink()
+    monkeypatch.setattr("saf_gen.stream.dataset.index_folder", _fail)
+    assert call("dataset", "index", tmp_path)[2].startswith(err)
+
+
+def _fail(folder, *, split):
+    raise BadInput("nothing is written")
 
 
 def test_only_hidden_files_are_no_streams(tmp_path):

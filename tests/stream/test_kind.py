@@ -33,7 +33,7 @@ def test_a_recording_keeps_its_kind_when_it_is_cut_and_shows_it(tmp_path, call, 
         with open_stream(path) as stream:
             assert (stream.metadata.kind, stream.counted) == ("photons", "photons")
             stream.verify()
-        assert json.loads(call("inspect", path, "--json")[1])["kind"] == "single photons"
+        assert json.loads(call("inspect", path, "--json")[1])["kind"] == "photons"
 
 
 def test_an_export_says_that_its_reader_must_be_told_the_kind(tmp_path, call, photons):

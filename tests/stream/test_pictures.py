@@ -72,6 +72,8 @@ def test_pictures_are_counts_textures_or_one_readout_of_evenly_spaced_windows(st
 
 def test_a_short_view_has_windows_of_a_tenth(stream):
     assert choose_windows(stream, stop=395).window == 40
+    at = choose_windows(stream, at=[900.0, 4.0, 1199.0])  # the middles, as nearly as the recording allows
+    assert at.starts.tolist() == [0, 850, 1100]
     assert choose_windows(stream, stop=3).window == 1
     assert choose_windows(stream, stop=1_000).window == choose_windows(stream).window == 100
 

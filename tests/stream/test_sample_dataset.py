@@ -14,6 +14,7 @@ from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.stack.capture import Capture
 from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.sample_dataset import find_data
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -56,6 +57,17 @@ def test_the_sample_is_evaluated_by_its_name_and_written_to_the_current_folder(c
     assert "100%" in out
     assert (tmp_path / "sample-evaluation/index.html").is_file()
     assert sorted(saf_gen.sample().rglob("*")) == before
+
+
+def test_a_name_stands_for_a_folder_in_datasets_unless_something_is_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "datasets/quick").mkdir(parents=True)
+    assert find_data(Path("quick")) == Path("datasets/quick")
+    assert find_data(Path("sample")) == saf_gen.sample()
+    for left in ("slow", "elsewhere/quick"):
+        assert find_data(Path(left)) == Path(left)
+    (tmp_path / "quick").mkdir()
+    assert find_data(Path("quick")) == Path("quick")
 
 
 def test_a_folder_of_that_name_goes_before_the_sample(call, tmp_path, monkeypatch):

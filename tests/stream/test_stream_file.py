@@ -447,7 +447,10 @@ def test_a_missing_file_names_the_nearest(tmp_path):
     write_stream(tmp_path / "camel-constant-0.h5", np.zeros((3, 1, 1)))
     assert_says(refusal(open_stream, tmp_path / "camel-constant-1.h5"), "no such file | 'camel-constant-0.h5'")
     assert "there is no folder" in str(refusal(open_stream, tmp_path / "none" / "a.h5"))
-    assert "this is a folder" in str(refusal(open_stream, tmp_path))
+    (tmp_path / "of" / "test").mkdir(parents=True)
+    (tmp_path / "of/test/a.h5").touch()
+    for folder, nearest in ((tmp_path, "camel-constant-0.h5"), (tmp_path / "of", "of/test/a.h5")):
+        assert_says(refusal(open_stream, folder), f"this is a folder | mean '{tmp_path / nearest}'")
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):

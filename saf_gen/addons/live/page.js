@@ -8,6 +8,7 @@
   const decoder = new TextDecoder();
   const drawn = [...setup.drawn];
   const points = [[], [], [], [], []]; // seconds, three scores, lens
+  const ranges = drawn.map(() => [0, 0]); // of all scores since the page was opened, and 0: noise at rest stays small
   let plot = null;
 
   const fill = (select, values, chosen, write = String) => {
@@ -17,7 +18,10 @@
   fill(get("region"), setup.regions, setup.region);
   fill(get("window"), [50, 100, 200, 400, 1000], 200,
     (frames) => `${frames} readouts (${(frames / setup.readout_hz * 1e3).toPrecision(3)} ms)`);
-  fill(get("method"), setup.methods, "sd+golden_section");
+  fill(get("method"), Object.keys(setup.methods), "sd+golden_section");
+  const spell = () => { get("spelled").textContent = setup.methods[get("method").value]; };
+  get("method").addEventListener("input", spell);
+  spell();
 
   // --- what turns ---
   const focus = get("focus");
@@ -70,7 +74,8 @@
     }));
     plot = new uPlot({
       width: get("plot").clientWidth, height: 220, cursor: { drag: { x: false, y: false } },
-      scales: { x: { time: false }, lens: { range: [0, 1] } },
+      scales: { x: { time: false }, lens: { range: [0, 1] },
+        ...Object.fromEntries(drawn.map((_, n) => [`score ${n}`, { range: () => ranges[n] }])) },
       series: [{ label: "s", value: (_, s) => (s == null ? "" : s.toFixed(2)) }, ...scores,
         { label: "lens", scale: "lens", stroke: colour("--c4"), width: 1, dash: [4, 3], points: { show: false },
           value: (_, at) => (at == null ? "" : at.toFixed(3)) }],
@@ -84,6 +89,7 @@
     select.addEventListener("input", () => {
       drawn[n] = select.value;
       points[n + 1].fill(null);
+      ranges[n] = [0, 0];
       makePlot();
     });
     get("measures").append(select);
@@ -118,7 +124,11 @@
       points[n].push(value);
       if (points[n].length > KEPT) points[n].shift();
     });
+    head.scores.forEach((score, n) => {
+      if (score !== null) ranges[n] = [Math.min(ranges[n][0], score), Math.max(ranges[n][1], score)];
+    });
     plot.setData(points);
+    if (plot.cursor.left < 0) plot.setLegend({ idx: points[0].length - 1 }); // what is now, unless somebody points
     document.body.dataset.pictures = Number(document.body.dataset.pictures ?? 0) + 1;
   };
 

@@ -1,7 +1,8 @@
 """The page of a live camera, on this machine only: its server, and what a request turns and shows.
 
-Only requests to the loopback address that know the random word in the address are answered, and only if they name this
-server as their host, so that no other page in the browser, and no name that resolves to this machine, reaches it.
+Only requests to the loopback address that know the random word in the address are answered, and only if they name the
+loopback address as their host, so that no other page in the browser, and no other name that resolves to this machine,
+reaches it. Any port will do, because somebody may forward one from another machine.
 """
 
 import hmac
@@ -10,9 +11,11 @@ import secrets
 import threading
 import time
 from collections.abc import Mapping
+from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import Any
+from typing import Any, ClassVar
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -22,6 +25,7 @@ from saf_gen.camera.exposure import firing_rate
 from saf_gen.camera.photons.sensor import SpadSensor, detection_rate
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.errors import BadInput, SafGenError, unknown
+from saf_gen.leaderboard.results import spell_out_names
 from saf_gen.plugins.measures import measure_names
 
 MEASURES = ("sd", "gradient_code_n", "mfdct_lee_n")
@@ -42,6 +46,8 @@ LONGEST_STEP_S = 0.2
 COMPUTING_S = 0.04
 """Computing time of a picture that a slow machine is allowed; the camera is then slower than real time."""
 MAX_BODY = 1 << 16
+HOSTS = ("127.0.0.1", "localhost")
+NOTHING_HERE = "Nothing is here: open the address that saf-gen live printed, with all its letters."
 
 
 class Stopped(Exception):
@@ -233,7 +239,6 @@ class LiveServer(ThreadingHTTPServer):
                 allowed="a free port from 1024 to 65535",
                 hint="leave --port out, which chooses one",
             ) from None
-        self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
 
     @property
     def address(self) -> str:
@@ -247,6 +252,7 @@ class LiveServer(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True  # a small answer is sent at once
+    timeout: ClassVar[float] = 20.0  # seconds for a request to arrive whole
     server: LiveServer
 
     def do_GET(self) -> None:
@@ -272,22 +278,23 @@ class _Handler(BaseHTTPRequestHandler):
                 room.stop_method()
                 self._send(200, b"{}", kind="application/json")
             else:
-                self._send(404)
+                self._refuse(404, NOTHING_HERE)
         except (SafGenError, ValueError, TypeError, AttributeError) as error:
-            self._send(400, json.dumps({"error": str(error)}).encode(), kind="application/json")
+            why = str(error) if isinstance(error, SafGenError) else f"The request is not understood: {error}."
+            self._send(400, json.dumps({"error": why}).encode(), kind="application/json")
 
     def _allowed(self) -> str | None:
         """Return what is asked for below the address of the page; None, after an answer, if nobody may ask for it."""
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
-        if host not in self.server.hosts or origin not in (None, f"http://{host}"):
-            self._refuse(403)
+        if urlsplit(f"//{host}").hostname not in HOSTS or origin not in (None, f"http://{host}"):
+            self._refuse(403, f"This camera answers only pages of {' and '.join(HOSTS)}: open the address it printed.")
             return None
         token, slash, path = self.path.removeprefix("/").partition("/")
         if not (slash and hmac.compare_digest(token.encode(), self.server.token.encode())):
-            self._refuse(404)
+            self._refuse(404, NOTHING_HERE)
             return None
         if self.command == "GET" and path:
-            self._refuse(404)
+            self._refuse(404, NOTHING_HERE)
         return path
 
     def _read_body(self) -> dict[str, Any]:
@@ -300,9 +307,9 @@ class _Handler(BaseHTTPRequestHandler):
             raise ValueError("the request is not an object")
         return asked
 
-    def _refuse(self, code: int) -> None:
+    def _refuse(self, code: int, why: str) -> None:
         self.close_connection = True  # what it sends is not read
-        self._send(code)
+        self._send(code, f"{why}\n".encode(), kind="text/plain; charset=utf-8")
 
     def _send(
         self, code: int, body: bytes = b"", *, kind: str = "text/plain", headers: Mapping[str, str] | None = None
@@ -321,6 +328,8 @@ class _Handler(BaseHTTPRequestHandler):
 def make_page(camera: LiveCamera, nonce: str) -> str:
     """Return the page of a camera, whose script and style the browser runs by their ``nonce``."""
     here, plots = files("saf_gen.addons.live"), files("saf_gen") / "leaderboard" / "report" / "assets" / "uplot"
+    methods = [name for name in DEFAULT_CLOSED_LOOP_METHODS if not camera.misfit_of_method(parse_method(name))]
+    scene = camera.capture.plane_source.time_stack.specs[0].scene
     setup = {
         "lamps": camera.gains,
         "regions": REGIONS,
@@ -329,11 +338,14 @@ def make_page(camera: LiveCamera, nonce: str) -> str:
         "measures": [name for name in measure_names() if not camera.misfit_of_measure(name)],
         "drawn": MEASURES,
         "lights": list(SCHEDULES),
-        "methods": [name for name in DEFAULT_CLOSED_LOOP_METHODS if not camera.misfit_of_method(parse_method(name))],
+        "methods": {
+            name: "; ".join(f"{n}: {words}" for n, words in spell_out_names([name]).items()) for name in methods
+        },
         "focus": camera.focus,
     }
     parts = {
         "{{nonce}}": nonce,
+        "{{scene}}": escape(scene),
         "{{plot_style}}": (plots / "uPlot.min.css").read_text(encoding="utf-8"),
         "{{plot_script}}": (plots / "uPlot.iife.min.js").read_text(encoding="utf-8"),
         "{{setup}}": json.dumps(setup).replace("<", "\\u003c"),

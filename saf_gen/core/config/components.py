@@ -14,7 +14,7 @@ from saf_gen.core.config import registry
 from saf_gen.core.config.document import Document, Key
 from saf_gen.core.config.ranges import draw_range, is_range, range_extremes
 from saf_gen.core.csv_table import read_text_in
-from saf_gen.errors import BadInput, located, unknown
+from saf_gen.errors import BadInput, located, some_of, unknown
 
 Component = dict[str, Any]
 
@@ -47,11 +47,12 @@ def read_component(
         raise BadInput(
             f"{keys[-1]} has no kind" if isinstance(component, dict) else f"{keys[-1]} is {component!r}",
             where=where,
-            allowed=f"{{kind: ..., ...}} with a kind among {', '.join(names)}",
+            allowed=f"{{kind: ..., ...}} with a kind among {some_of(names)}",
         )
     kind, options = component["kind"], {key: value for key, value in component.items() if key != "kind"}
     if kind not in names:
-        raise unknown(what, kind, allowed=names, where=document.locate(*keys, "kind"))
+        where = document.locate(*keys, "kind")
+        raise unknown(what, kind, allowed=names, where=where, hint=registry.WHERE_LISTED[plugin_kind])
     known = [*registry.option_fields(plugin_kind, kind), *common]
     for key in options:
         if key not in known:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel, ConfigDict, Tag, TypeAdapter, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
-from saf_gen.errors import BadInput, closest
+from saf_gen.errors import BadInput, closest, some_of
 
 Key = str | int
 Lines = Mapping[tuple[Key, ...], int]
@@ -160,7 +160,7 @@ def validate_document(model: type[Model], document: Document, *, hint: str = "")
     """
     checked: Any = model  # mypy does not regard a type[Model] as hashable
     if not isinstance(document.data, dict):
-        allowed = ", ".join(_fields(model))
+        allowed = some_of(_fields(model))
         raise BadInput("the file holds no keys", where=document.locate(), allowed=allowed, hint=hint)
     try:
         found: Model = _adapter(checked).validate_python(document.data)
@@ -181,7 +181,7 @@ def _describe_first_error(error: ValidationError, model: Any, *, document: Docum
     if first["type"] in UNKNOWN_KEY:
         known = list(_fields(_annotation_at(model, first["loc"][:-1])))
         inside = f" in {_dotted(keys[:-1])}" if keys[:-1] else ""
-        problem, allowed, choices = f"unknown key {str(keys[-1])!r}{inside}", ", ".join(known), known
+        problem, allowed, choices = f"unknown key {str(keys[-1])!r}{inside}", some_of(known, keys[-1]), known
         return BadInput(problem, where=where, allowed=allowed, nearest=closest(keys[-1], choices), hint=hint)
     if first["type"] == "missing":
         return BadInput(f"the key {name!r} is missing", where=where, allowed=_meaning(model, first["loc"]), hint=hint)
@@ -189,13 +189,13 @@ def _describe_first_error(error: ValidationError, model: Any, *, document: Docum
         key, value = first["ctx"]["discriminator"].strip("'()"), first["ctx"]["tag"]
         tags = [kind.strip(" '") for kind in first["ctx"]["expected_tags"].split(",")]
         choices = [tag for tag in tags if " " not in tag]  # one with a blank is chosen by another key
-        name, where, allowed = f"{name}.{key}", document.locate(*keys, key), ", ".join(choices)
+        name, where, allowed = f"{name}.{key}", document.locate(*keys, key), some_of(choices, value)
     elif first["type"] == "literal_error":
         expected = _expectation(first).replace(" or ", ", ")
         value, choices = first["input"], [choice.strip(" '") for choice in expected.split(",")]
-        allowed = ", ".join(choices)
+        allowed = some_of(choices, value)
     elif first["type"] in MAPPING_EXPECTED:
-        expected_keys = ", ".join(_fields(_annotation_at(model, first["loc"])))
+        expected_keys = some_of(_fields(_annotation_at(model, first["loc"])))
         value, choices, allowed = first["input"], [], f"a mapping with the keys {expected_keys}"
     else:
         value, choices, allowed = first["input"], [], _expectation(first)

@@ -29,10 +29,15 @@ import numpy as np
 
 from saf_gen.core.config.plain_plugins import wrap_plain_code
 from saf_gen.core.user_code import named_user_code, user_code
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, closest, some_of, unknown
 
 PLUGIN_KINDS = {"lights": "light schedule", "motions": "lens motion", "measures": "focus measure", "searches": "search"}
 
+WHERE_LISTED = {
+    **dict.fromkeys(("lights", "motions"), "docs/recipe-keys.md lists all"),
+    **dict.fromkeys(("measures", "searches"), "`saf-gen methods list` shows all"),
+}
+"""Where all names of a kind stand."""
 FORM_SUFFIXES = ("_n", "_tfi")
 """Endings of the names of measures that say in which form a measure is used."""
 _registered_here: dict[str, dict[str, type]] = {plugin_kind: {} for plugin_kind in PLUGIN_KINDS}  # by this process
@@ -148,24 +153,38 @@ def _find_plugin_class(plugin_kind: str, name: str) -> type:
         check_code_allowed(name)
         path, _, member = name.rpartition(":")
 
-        def load() -> Any:
-            return getattr(_import_file(Path(path)) if path.endswith(".py") else import_module(path), member)
-
         what = f"{PLUGIN_KINDS[plugin_kind]} {name!r}"
         allowed = "package.module:NAME that Python can import, or file.py:NAME, of a class or function"
-        plugin = _load_plugin(load, what, plugin_kind=plugin_kind, allowed=allowed)
+        module = _load(
+            lambda: _import_file(Path(path)) if path.endswith(".py") else import_module(path), what, allowed=allowed
+        )
+        if not hasattr(module, member):
+            known = _names_in(module)
+            problem = f"{Path(path).name} has no {member!r}"
+            raise BadInput(problem, allowed=some_of(known, member), nearest=closest(member, known))
+        plugin = _load_plugin(lambda: getattr(module, member), what, plugin_kind=plugin_kind)
         allow_code(name)
         return plugin
-    raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind))
+    raise unknown(PLUGIN_KINDS[plugin_kind], name, allowed=names(plugin_kind), hint=WHERE_LISTED[plugin_kind])
 
 
-def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, **advice: str) -> type:
+def _names_in(module: ModuleType) -> list[str]:
+    """Return the names of the functions and classes that a module defines."""
+    own = vars(module).items()
+    return [name for name, value in own if getattr(value, "__module__", "") == module.__name__ and name[:1] != "_"]
+
+
+def _load(load: Callable[[], Any], what: str, *, allowed: str = "", hint: str = "") -> Any:
     try:
         with user_code():
-            found = load()
+            return load()
     except Exception as error:  # the module is user code and may raise anything
-        raise BadInput(f"{what} cannot be loaded: {type(error).__name__}: {error}", **advice) from error
-    plugin = wrap_plain_code(found, plugin_kind)
+        problem = f"{what} cannot be loaded: {type(error).__name__}: {error}"
+        raise BadInput(problem, allowed=allowed, hint=hint) from error
+
+
+def _load_plugin(load: Callable[[], Any], what: str, *, plugin_kind: str, hint: str = "") -> type:
+    plugin = wrap_plain_code(_load(load, what, hint=hint), plugin_kind)
     if plugin is None:
         raise _no_plugin_error(what)
     return plugin

@@ -4,7 +4,7 @@ Numbers have four significant digits. Nothing here draws, so that a page costs l
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -18,6 +18,7 @@ from saf_gen.benchmark.records import Record
 from saf_gen.benchmark.results import LensPath, SweepSummary
 from saf_gen.benchmark.thumbnails import select_to_show
 from saf_gen.core.cores import usable_cores
+from saf_gen.leaderboard.agreement import Agreement
 from saf_gen.leaderboard.board import Leaderboard
 from saf_gen.leaderboard.ranking import LeaderboardRow, Profile, group_by
 from saf_gen.leaderboard.report.pictures import SequenceViewer, build_viewer, frames_to_axis, position_axis
@@ -55,6 +56,11 @@ class Chart:
     """Sentence about what this chart or its scene leaves out; '' if nothing."""
 
 
+NAMED_DOTS = 4
+LABEL_LETTER, LABEL_LINE, LABEL_GAP = 0.0175, 0.08, 0.03
+"""Width of a letter, height of a line and gap to the dot of a name, as fractions of the plot of times."""
+
+
 @dataclass(frozen=True)
 class Times:
     """Success against time to focus: the places of the methods as fractions of a plot, and the ticks of its axis."""
@@ -63,6 +69,8 @@ class Times:
     """Row, and place from the left and from below."""
     ticks: tuple[tuple[float, str], ...]
     """Place from the left, and seconds."""
+    labels: tuple[tuple[str, float, float, float, float], ...]
+    """Names of the best methods: where each begins and its dot is, from the left and from below."""
 
 
 def plot_times(rows: Sequence[LeaderboardRow]) -> Times | None:
@@ -81,10 +89,24 @@ def plot_times(rows: Sequence[LeaderboardRow]) -> Times | None:
     longest = max(seconds for _, _, seconds in known) * 1.05
     step = next(size for size in (1e-3 * m * 10**n for n in range(9) for m in (1, 2, 5)) if longest / size <= 6)
     ticks = [number * step for number in range(int(longest / step) + 1)]
-    return Times(
-        tuple((row, seconds / longest, success) for row, success, seconds in known),
-        tuple((tick / longest, f"{tick:.6g}") for tick in ticks),
-    )
+    points = tuple((row, seconds / longest, success) for row, success, seconds in known)
+    return Times(points, tuple((tick / longest, f"{tick:.6g}") for tick in ticks), tuple(_name_best(points)))
+
+
+def _name_best(
+    points: Sequence[tuple[LeaderboardRow, float, float]],
+) -> Iterator[tuple[str, float, float, float, float]]:
+    """Yield the labels of the best methods, each below those that it would cover; see :class:`Times`."""
+    taken = [(across - LABEL_GAP / 2, across + LABEL_GAP / 2, up) for _, across, up in points]
+    for row, across, up in points[:NAMED_DOTS]:
+        width = len(row.method) * LABEL_LETTER
+        left, at = min(across + LABEL_GAP, 1 - width), up
+        while any(
+            abs(at - other) < LABEL_LINE and left < right and begin < left + width for begin, right, other in taken
+        ):
+            at -= LABEL_LINE
+        taken.append((left, left + width, at))
+        yield row.method, left, at, across, up
 
 
 def make_charts(board: Leaderboard) -> list[Chart]:
@@ -92,10 +114,12 @@ def make_charts(board: Leaderboard) -> list[Chart]:
     order = {method: number for number, method in enumerate(board.methods)}
     records = sorted(board.records, key=lambda r: order.get(r.who.method, len(order)))
     paths = sorted(board.evaluation.lens_paths, key=lambda p: order.get(p.method, len(order)))
+    asked = {measure for agreement in board.agreements for measure in agreement.asked}
     measures = list(dict.fromkeys(measure_and_search(method)[0] for method in board.methods))
+    measures.sort(key=lambda measure: measure not in asked)
     return [
         *_chart_profiles(board.comparison.profiles),
-        *_chart_sweeps(board.evaluation.sweeps, records, measures=measures),
+        *_chart_sweeps(board.evaluation.sweeps, records, measures=measures, agreements=board.agreements),
         *_chart_paths(paths, board.records),
     ]
 
@@ -115,28 +139,36 @@ def _chart_profiles(profiles: Sequence[Profile]) -> list[Chart]:
     return charts
 
 
-def _chart_sweeps(sweeps: Sequence[SweepSummary], records: Sequence[Record], *, measures: list[str]) -> list[Chart]:
+def _chart_sweeps(
+    sweeps: Sequence[SweepSummary], records: Sequence[Record], *, measures: list[str], agreements: Sequence[Agreement]
+) -> list[Chart]:
+    frames_of = {one.sequence: [place.frame for place in one.places] for one in agreements}
     chosen = select_to_show([((s.split, s.scene), (s.light, s.scene_motion)) for s in sweeps], DRAWN_SEQUENCES)
     omissions = _describe_omissions_by_scene(records, [(sweeps[n].split, sweeps[n].scene) for n in chosen])
     by_sequence = group_by(records, "what.sequence")
     with ThreadPoolExecutor(usable_cores()) as pool:  # encoding pictures leaves Python's lock
-        viewers = pool.map(build_viewer, [sweeps[number] for number in chosen])
+        shown = [sweeps[number] for number in chosen]
+        places = [frames_of.get(sweep.sequence, []) for sweep in shown]
+        viewers = pool.map(build_viewer, shown, [frames[0] if frames else None for frames in places])
         return [
             replace(
-                chart_sweep(sweeps[number], by_sequence.get(sweeps[number].sequence, []), measures=measures),
+                chart_sweep(sweep, by_sequence.get(sweep.sequence, []), measures=measures, places=frames),
                 viewer=viewer,
-                omission=omissions[sweeps[number].split, sweeps[number].scene],
+                omission=omissions[sweep.split, sweep.scene],
             )
-            for number, viewer in zip(chosen, viewers, strict=True)
+            for sweep, frames, viewer in zip(shown, places, viewers, strict=True)
         ]
 
 
-def chart_sweep(sweep: SweepSummary, records: Sequence[Record], *, measures: Sequence[str]) -> Chart:
+def chart_sweep(
+    sweep: SweepSummary, records: Sequence[Record], *, measures: Sequence[str], places: Sequence[float] = ()
+) -> Chart:
     """Return the chart of the focus curves of a sweep, with the answers in ``records`` above them.
 
     There is one row of answers per search. The axis is the focus position or, if the lens turns back or rests, the
     frame, with the position as a line. Each curve is scaled to its range. The light (mean counts) is an area,
-    scaled to its largest value; the truth is a line in a band that shows its depth of focus. Measures whose curves
+    scaled to its largest value; the truth is a line in a band that shows its depth of focus. Without a truth, there is
+    a line at each of the frames ``places`` where measures agree. Measures whose curves
     coincide share a line. At most MAX_LINES lines are drawn, in the order of ``measures``, and the answers of the first
     MAX_SEARCHES searches.
     """
@@ -174,6 +206,8 @@ def chart_sweep(sweep: SweepSummary, records: Sequence[Record], *, measures: Seq
         "marks": marks,
         **_mark_truth(sweep, over_frames=over_frames),
     }
+    if places and not data["at"]:
+        data["at"] = _short(to_axis(np.array(places)))
     motion = ", dynamic" if sweep.scene_motion == "dynamic" else ""
     title = f"{label_scene(sweep.split, sweep.scene)}, {sweep.light or sweep.sequence}{motion}"
     return Chart("curves" if sweep.curves else "sweep", label_scene(sweep.split, sweep.scene), title, data)

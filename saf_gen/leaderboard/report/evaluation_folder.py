@@ -55,9 +55,9 @@ FILES = (*TABLES, RECORDS_FILE, *CURVES, PAGE)
 
 @dataclass(frozen=True)
 class WrittenEvaluation:
-    """Paths that were written, and a line that names the replaced evaluation; '' if nothing was replaced."""
+    """The page, and a line that names the replaced evaluation; '' if nothing was replaced."""
 
-    paths: tuple[Path, ...]
+    page: Path
     replaced: str
 
 
@@ -83,7 +83,7 @@ def write_evaluation(
     Returns
     -------
     WrittenEvaluation
-        Paths that were written, and a line that names the replaced evaluation.
+        The page, and a line that names the replaced evaluation.
 
     Raises
     ------
@@ -102,8 +102,7 @@ def write_evaluation(
             _publish(part, final)
     except OSError as error:
         raise unwritable(Path(error.filename2 or error.filename or final), error) from error
-    paths = tuple(final / name for name in FILES if name in (*texts, RECORDS_FILE))
-    return WrittenEvaluation(paths, f"replaced {earlier}" if earlier else "")
+    return WrittenEvaluation(final / PAGE, f"replaced {earlier}" if earlier else "")
 
 
 def check_replaceable(folder: Path) -> None:
@@ -160,7 +159,8 @@ def _format_json(board: Leaderboard) -> str:
         "axes": list(map(_axis_to_json, board.axes)),
         "profiles": [asdict(one) for one in board.comparison.profiles],
         "neighbours": board.neighbours.to_dicts(),
-        "notes": board.notes,
+        "notes": [*board.lead, *board.notes],
+        "agreements": [{**asdict(one), "share": one.share} for one in board.agreements],
         "grain": [asdict(grain) for grain in board.grain],
         **describe_records(board.records),
         "machines": sorted({r.who.machine for r in board.records}),
@@ -188,9 +188,11 @@ def _format_markdown(board: Leaderboard) -> str:
     meanings = [f"- **{escape_markdown(c.header)}**: {escape_markdown(c.meaning)}\n" for c in ranking.shown]
     parts = [
         "# Leaderboard\n",
+        *map(escape_markdown, [f"{line}\n" for line in board.lead]),
+        *([board.agreement.to_markdown()] if len(board.agreements) > 1 else []),
         ranking.to_markdown(),
         *([f"{escape_markdown(list_names(board.names))}\n"] if board.names else []),
-        escape_markdown(" ".join(board.notes)) + "\n",
+        escape_markdown(" ".join([*board.lead, *board.notes])) + "\n",
         "".join(meanings),
     ]
     if failures:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from importlib.metadata import PackageNotFoundError, metadata
 from importlib.resources import files
 from itertools import groupby
 from math import inf
@@ -39,7 +40,8 @@ MAX_HELD = 5000
 """Number of answers above which the page holds only a selection for its script, so that its size stays limited."""
 LOOKING = {"target": "looking at the target", "frame": "looking at the whole frame"}
 """What the first line of a page says of the regions where methods look."""
-NAMED_LEADERS = 3
+MAX_OPENING = 3
+"""Largest number of recordings whose curves open a page on which nothing is ranked."""
 MAX_TOGETHER_CHARACTERS = 60
 """Largest total length of the headings of columns that are shown together, at which they are shown at first.
 
@@ -49,10 +51,12 @@ OURS = "This project"
 """Beginning of the source of a measure or search that was published here."""
 EVERYBODYS = "Exhaustive search"
 """In the source of a search that needs no reference."""
-YEARS_MEANING = (
-    "Years of the measure and, if it has a source, of the search; here: this project. The link leads to them."
+SOURCE_MEANING = (
+    "First author and year of the measure and, if it has a source, of the search; here: this project. "
+    "The link leads to them."
 )
 _DOI = re.compile(r"doi:\S+")
+_AUTHOR = re.compile(r"([A-Z][\w-]+)(?: et al\.|,| and [A-Z])")
 SPLIT = Axis("split", "Split", "Split of the dataset.", lambda r: r.what.split)
 _SWEEP = (
     "Grey: the light, as mean counts. Yellow: the depth of focus around the true focus. At the top: the "
@@ -68,8 +72,8 @@ CHART_CAPTIONS = {
     ),
     "curves": (
         "Focus curves",
-        "The curve of each measure, scaled by its minimum and maximum. A curve that follows the grey area follows the "
-        f"light, not the focus. {_SWEEP}",
+        "The curve of each measure, scaled by its minimum and maximum. Upright: the true focus or, if unknown, where "
+        f"measures agree. A curve that follows the grey area follows the light, not the focus. {_SWEEP}",
     ),
     "sweep": ("Sweeps", f"No method computed a complete focus curve of these, as the search argmax would. {_SWEEP}"),
     "lens": (
@@ -188,6 +192,8 @@ def build_page(
     numbers = {name: number for number, name in enumerate(held.sequences)}
     grouped = groupby(enumerate(selections, start=1), key=lambda item: item[1].axis)
     script = _read_asset(*SCRIPTS)
+    sweeps = ("curves", "sweep") if board.lacks_truth else ()  # where nothing is ranked, these open the page
+    opened = [chart for chart in charts if chart.kind in sweeps][:MAX_OPENING]
     return (
         load_templates()
         .get_template("page.html")
@@ -198,14 +204,17 @@ def build_page(
             style=_read_asset(*STYLES),
             summary=_summarise(rows, records),
             judged=_say_what_is_judged(records),
-            headline=_headline(rows, records),
+            verdict=("", " ".join(board.lead)) if board.lacks_truth else board.verdict,
+            unjudged=board.lacks_truth,
+            opening=_group_charts(opened),
+            agreement=board.agreement if len(board.agreements) > 1 else None,
             scatter=plot_times(rows),
             delivered=delivered,
             failures=failures[:MAX_FAILURES],
             more_failures=max(0, len(failures) - MAX_FAILURES),
-            sections=_list_sections(board, charts),
+            sections=_list_sections(board, [chart for chart in charts if chart not in opened]),
             selections=[(axis, [(n, s.name) for n, s in options]) for axis, options in grouped],
-            board=add_years(tables.shade(board.ranking), plugins),
+            board=add_sources(tables.shade(board.ranking), plugins),
             ranked=ranked,
             names=board.names,
             notes=" ".join(board.notes),
@@ -239,6 +248,7 @@ def build_page(
                 ],
             },
             version=__version__,
+            project=_address_of_project(),
         )
     )
 
@@ -256,62 +266,36 @@ def _summarise(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> str
     )
 
 
-def _headline(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> Markup:
-    """Return who wins or, if other methods cannot be told apart from the first, how little the scenes can say."""
-    leaders = [row for row in rows if row.rank == 1]
-    if not leaders:
-        return Markup(
-            "No sequence has a known truth within reach of its lens, so methods are not ranked and the table shows only"
-            " their cost."
-        )
-    best, others = leaders[0], len(rows) - len(leaders)
-    level = sum(row.level_with_best is not False for row in rows if row.rank != 1)  # None: too few scenes to test
-    more = f" and {len(leaders) - NAMED_LEADERS} more" if len(leaders) > NAMED_LEADERS else ""
-    names = (
-        Markup(", ").join(Markup("<code>{}</code>").format(_to_html(row.method)) for row in leaders[:NAMED_LEADERS])
-        + more
-    )
-    answerable = plural(best.answerable or 0, "sequence")
-    right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
-    scenes = plural(len({record.what.scene for record in records}), "scene")
-    if len(rows) == 1:
-        return Markup("{}: {}.").format(names, right)
-    if level == others and (others or len(leaders) > 1):
-        return Markup("<strong>Undecided: {} cannot tell these {} apart.</strong> {} {} most often {}.").format(
-            scenes, plural(len(rows), "method"), names, "is" if len(leaders) == 1 else "are", right
-        )
-    if level or len(leaders) > 1:
-        them = "it" if len(leaders) == 1 else "them"
-        rest = "every other method can be told apart"
-        if level:
-            rest = f"{level} of {plural(others, 'other method')}, shaded, cannot be told apart from {them}"
-        return Markup("<strong>{} {}</strong>, {}; {}.").format(
-            names, "leads" if len(leaders) == 1 else "lead together", right, rest
-        )
-    return Markup("<strong>{} wins</strong>: {}, and every other method can be told apart from it.").format(
-        names, right
-    )
+def _address_of_project() -> str:
+    """Return the address of the repository; '' if this package was not built where it is known."""
+    try:
+        stated = metadata("saf_gen").get_all("Project-URL") or []
+    except PackageNotFoundError:
+        return ""
+    return next((url for name, _, url in (line.partition(", ") for line in stated) if name == "Repository"), "")
 
 
-def add_years(board: Table, plugins: Sequence[PluginDescription]) -> Table:
-    """Return the leaderboard with the years of each measure and search, which lead to their papers and code."""
+def add_sources(board: Table, plugins: Sequence[PluginDescription]) -> Table:
+    """Return the leaderboard with authors and years of each measure and search, which lead to their papers and code."""
     sources = {(one.plugin_kind, one.name): dict(one.facts).get("source", "") for one in plugins}
 
-    def years(row: LeaderboardRow) -> str | None:
+    def source(row: LeaderboardRow) -> str | None:
         measure, search = measure_and_search(row.method)
-        known = [_year(sources.get(("measures", measure), "")), _year(sources.get(("searches", search), ""))]
-        return " + ".join(filter(None, known)) or None
+        known = [_author_and_year(sources.get(key, "")) for key in (("measures", measure), ("searches", search))]
+        return " + ".join(dict.fromkeys(filter(None, known))) or None
 
     at = next(number for number, column in enumerate(board.columns) if column.name == "method") + 1
-    column = Column("from", years, meaning=YEARS_MEANING, detail=tables.USUAL, link="#methods", optional=True)
+    column = Column("from", source, meaning=SOURCE_MEANING, detail=tables.USUAL, link="#methods", optional=True)
     return replace(board, columns=[*board.columns[:at], column, *board.columns[at:]])
 
 
-def _year(source: str) -> str:
-    """Return the year of the first reference of a source; "here" for our own, '' for none."""
+def _author_and_year(source: str) -> str:
+    """Return first author and year of the first reference of a source; "here" for our own, '' for none."""
     first = _DOI.sub("", source.partition("[2]")[0])
-    found = re.search(r"\b(?:19|20)\d\d\b", first)
-    return "here" if first.startswith(OURS) else "" if EVERYBODYS in first or not found else found[0]
+    author, year = _AUTHOR.search(first), re.search(r"\b(?:19|20)\d\d\b", first)
+    if first.startswith(OURS):
+        return "here"
+    return "" if EVERYBODYS in first or not year else f"{author[1]} {year[0]}" if author else year[0]
 
 
 def _say_what_is_judged(records: Sequence[Record]) -> str:
@@ -346,21 +330,21 @@ def _list_sections(board: Leaderboard, charts: Sequence[Chart]) -> list[PageSect
     sections = []
     if board.comparison.neighbours:
         sections.append(
-            PageSection("neighbours", "Methods compared", compared, (), board.neighbours, NEIGHBOUR_CAPTION)
+            PageSection("neighbours", "Which methods differ", compared, (), board.neighbours, NEIGHBOUR_CAPTION)
         )
     sections += [
         PageSection(f"scene-{number}", scene, _group_charts(own))
         for number, (scene, own) in enumerate(by_scene.items(), start=1)
     ]
     if board.conditions:
-        sections.append(PageSection("conditions", "By condition", axes=board.conditions))
+        sections.append(PageSection("conditions", "By light, motion and scene", axes=board.conditions))
     if board.evaluation.curves:
         sections.append(
-            PageSection("measures", "Curves of the measures", table=board.measures, caption=MEASURES_CAPTION)
+            PageSection("measures", "How the focus measures peak", table=board.measures, caption=MEASURES_CAPTION)
         )
     if board.grain:
         grain = tables.grain(board.grain)
-        sections.append(PageSection("grain", "Grain of the pictures", table=grain, caption=GRAIN_CAPTION))
+        sections.append(PageSection("grain", "Noise of the renderer", table=grain, caption=GRAIN_CAPTION))
     return sections
 
 
@@ -467,12 +451,22 @@ def _format_fold_rules(table: Table, id: str) -> Markup:
     """Return the style rules that hide the columns of a folded table for which the screen has no space."""
     shown = table.shown
     is_long = sum(len(column.header) + 3 for column in shown if column.together) > MAX_TOGETHER_CHARACTERS
+
+    def narrowest(column: Column) -> str:
+        """Return the screens that have no space for a column; '' for one that is always shown."""
+        if column.detail > tables.USUAL or (column.together and is_long):
+            return "all"
+        rarely_told = column.name in ("false_abstentions", "failed")
+        return (
+            "screen and (max-width: 90rem)" if rarely_told else "screen and (max-width: 40rem)" if column.detail else ""
+        )
+
     rules = []
-    for where, is_always in (("all", True), ("screen and (max-width: 40rem)", False)):
+    for where in ("all", "screen and (max-width: 90rem)", "screen and (max-width: 40rem)"):
         cells = ", ".join(
             f"#{id}.folded tr:not(.groups) > :nth-child({number})"
             for number, column in enumerate(shown, start=1)
-            if column.detail and is_always == (column.detail > tables.USUAL or bool(column.together and is_long))
+            if narrowest(column) == where
         )
         rules += [f"@media {where} {{ {cells} {{ display: none; }} }}"] if cells else []
     return Markup("\n".join(rules))

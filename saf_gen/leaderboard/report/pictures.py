@@ -18,9 +18,12 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.core.display_tone import display_gamma, white_level
 from saf_gen.core.region import Region
 from saf_gen.errors import BadInput
+from saf_gen.leaderboard.agreement import Agreement
 from saf_gen.leaderboard.board import Leaderboard
 from saf_gen.stream.measure_input import choose_region
 from saf_gen.stream.pictures.image_strip import ImageStrip, PictureSheet, lay_out_pictures, shrink_picture
+from saf_gen.stream.pictures.timeline import WINDOW
+from saf_gen.stream.recordings import Recording, open_recording
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 WIDTH = 280
@@ -47,18 +50,23 @@ class SequenceViewer:
     """Position of each picture on the axis of the sweep's chart: in travels, or in frames."""
     descriptions: tuple[str, ...]
     start: int
-    """Number of the picture shown first: the nearest to the focus or, if the focus is unknown, the middle one."""
+    """Number of the picture shown first: the nearest to the focus or, if that is unknown, to the answer of all
+    measures; the middle one without either."""
     region_box: tuple[float, float, float, float]
     """Top, left, bottom and right edges of the region where measures look, as fractions of the picture."""
 
 
-def build_viewer(sweep: SweepSummary) -> SequenceViewer | None:
-    """Return the viewer of a sweep, or None if the sweep has no pictures."""
+def build_viewer(sweep: SweepSummary, answer: float | None = None) -> SequenceViewer | None:
+    """Return the viewer of a sweep, or None if the sweep has no pictures.
+
+    Without a truth, it first shows the frame of the ``answer``.
+    """
     pictures = sweep.thumbnails
     if pictures is None:
         return None
     offsets = _focus_offsets(sweep, pictures)
-    known = np.isfinite(offsets).any()
+    middle = float(pictures.frames[len(offsets) // 2])
+    away = offsets if np.isfinite(offsets).any() else pictures.frames - (middle if answer is None else answer)
     return SequenceViewer(
         sweep.sequence,
         (
@@ -68,7 +76,7 @@ def build_viewer(sweep: SweepSummary) -> SequenceViewer | None:
         ),
         tuple(round(float(x), 4) for x in frames_to_axis(sweep)(pictures.frames)),
         tuple(_describe_picture(sweep, float(f), offset=o) for f, o in zip(pictures.frames, offsets, strict=True)),
-        int(np.nanargmin(np.abs(offsets))) if known else len(offsets) // 2,
+        int(np.nanargmin(np.abs(away))),
         pictures.box,
     )
 
@@ -160,6 +168,8 @@ PART = 100
 """A picture counts the spikes of this part of the recording, around the answer."""
 DETAIL_PX = 112
 """Side of the square detail, in pixels of the sensor."""
+MAX_PLACE_WIDTH = 400
+"""Largest width of a picture of the whole frame, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -168,14 +178,17 @@ class Delivered:
 
     sequence: str
     strip: ImageStrip
-    answers: tuple[tuple[str, float], ...]
-    """Method of each picture, and its error in depths of focus."""
+    answers: tuple[tuple[str, str], ...]
+    """Method of each picture, and its error in depths of focus; without a truth, which answer it is, and where."""
     frames: int
     """Readouts that a picture counts."""
 
 
 def picture_answers(tasks: Sequence[SequenceTask], board: Leaderboard) -> Delivered | None:
     """Return pictures of a typical recording at the answers of the first method, the last, and some between.
+
+    Where nothing is judged, the pictures show the recording on which the fewest measures agree: at their answer and, if
+    they disagree, at the other place.
 
     Of the recordings on which the first and the last method answered and the truth is known, the typical one has the
     median difference of their errors. All pictures count equally many readouts and have the same white level.
@@ -193,6 +206,8 @@ def picture_answers(tasks: Sequence[SequenceTask], board: Leaderboard) -> Delive
         The pictures; None in the closed loop, whose spikes are not stored, if no recording has two answers to compare,
         or if its stream cannot be read any more.
     """
+    if board.lacks_truth:
+        return _picture_places(tasks, board.agreements)
     found = {
         (r.who.method, r.what.sequence): r
         for r in board.records
@@ -215,19 +230,42 @@ def picture_answers(tasks: Sequence[SequenceTask], board: Leaderboard) -> Delive
             frames = max(stream.shape[0] // PART, 1)
             detail = _find_detail(stream, choose_region(stream, "target")[0])
             pictures = [_count(stream, record.judgement.frame or 0.0, frames=frames, region=detail) for record in shown]
-        white = white_level(*pictures, quantile=WHITE_QUANTILE)
-        greys = [(255 * display_gamma(picture, white)).round().astype(np.uint8) for picture in pictures]
-        strip = lay_out_pictures(greys, count=len(greys)).encode("PNG", optimize=True)
-        errors = tuple((record.who.method, record.judgement.error_dof or 0.0) for record in shown)
-        return Delivered(task.id, strip, errors, frames)
+        errors = ((r.who.method, f"{r.judgement.error_dof or 0.0:+.2f} DoF".replace("-", "−")) for r in shown)
+        return Delivered(task.id, _strip_of(pictures), tuple(errors), frames)
     return None
+
+
+def _picture_places(tasks: Sequence[SequenceTask], agreements: Sequence[Agreement]) -> Delivered | None:
+    """Return pictures of the whole frame at the places of the least agreement, or None if there is none."""
+    path_of = {task.id: task.path for task in tasks}
+    answered = [one for one in agreements if one.places and one.sequence in path_of]
+    with suppress(BadInput, OSError, ValueError):
+        least = min(answered, key=lambda one: one.share)
+        with open_recording(path_of[least.sequence]) as stream:
+            frames = 1 if stream.form == "frames" else min(WINDOW, -(-stream.shape[0] // 10))
+            pictures = [_count(stream, place.frame, frames=frames, region=None) for place in least.places]
+        width = min(pictures[0].shape[1], MAX_PLACE_WIDTH)
+        size = width, max(round(pictures[0].shape[0] * width / pictures[0].shape[1]), 1)
+        words = ("the answer" if least.agrees else "where most agree", "where others agree")
+        named = tuple(zip(words, map(str, least.places), strict=False))
+        shown = [shrink_picture(one, size) for one in pictures]
+        shown = [one / white_level(one, quantile=WHITE_QUANTILE) for one in shown]  # one lamp may be far darker
+        return Delivered(least.sequence, _strip_of(shown), named, frames)
+    return None
+
+
+def _strip_of(pictures: Sequence[np.ndarray]) -> ImageStrip:
+    """Return pictures of linear light (h, w) side by side, with the same white level."""
+    white = white_level(*pictures, quantile=WHITE_QUANTILE)
+    greys = [(255 * display_gamma(picture, white)).round().astype(np.uint8) for picture in pictures]
+    return lay_out_pictures(greys, count=len(greys)).encode("PNG", optimize=True)
 
 
 def _size(record: Record) -> float:
     return abs(record.judgement.error_dof or 0.0)
 
 
-def _count(stream: SpikeStream, frame: float, *, frames: int, region: Region) -> np.ndarray:
+def _count(stream: Recording, frame: float, *, frames: int, region: Region | None) -> np.ndarray:
     """Return the spikes of each pixel in the readouts around a frame, float32 (row, col)."""
     first = min(max(math.floor(frame + 0.5 - frames / 2), 0), stream.shape[0] - frames)
     return stream.counts(first, first + frames, region=region).astype(np.float32)

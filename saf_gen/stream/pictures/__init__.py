@@ -41,6 +41,7 @@ def write_view(
     first: int = 0,
     stop: int | None = None,
     every: int | None = None,
+    at: Sequence[float] = (),
     measures: Sequence[str] = (),
     find_measure: Callable[[str], Callable[..., float]] = get_measure,
     region: str = "target",
@@ -63,6 +64,8 @@ def write_view(
         The view, frames ``first <= t < stop``; by default the whole recording.
     every : int, optional
         Frames from one picture to the next; by default chosen to give ``FORMS[...].count`` pictures.
+    at : sequence of float, default ()
+        Frames at the middle of the only pictures; by default pictures are spread over the view.
     measures : sequence of str, default ()
         Names of focus measures whose curves are drawn.
     find_measure : callable, optional
@@ -95,7 +98,15 @@ def write_view(
         raise BadInput(f"{fps:g} pictures per second", allowed="above 0, at most 100")
     of = FORMS[form]
     pictures = choose_windows(
-        stream, kind=kind, window=window, first=first, stop=stop, every=every, count=of.count, max_count=of.max_count
+        stream,
+        kind=kind,
+        window=window,
+        first=first,
+        stop=stop,
+        every=every,
+        at=at,
+        count=of.count,
+        max_count=of.max_count,
     )
     # Imported late, because matplotlib takes a second and an error should not wait for it.
     from saf_gen.stream.pictures import movie, panels, player

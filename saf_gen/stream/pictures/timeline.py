@@ -77,13 +77,15 @@ def choose_windows(
     first: int = 0,
     stop: int | None = None,
     every: int | None = None,
+    at: Sequence[float] = (),
     count: int = 6,
     max_count: int = 10_000,
 ) -> WindowPictures:
     """Return pictures of windows within the view, frames ``first <= t < stop``.
 
     A window begins every ``every`` frames. If that is not given, ``count`` windows are spread evenly over the view, or
-    fewer if some would begin at the same frame. A ``window`` has 100 frames by default, or a tenth of the view if it
+    fewer if some would begin at the same frame. Frames ``at`` which windows have their middle, as nearly as the view
+    allows, stand in place of both. A ``window`` has 100 frames by default, or a tenth of the view if it
     has fewer than 1,000 frames; one frame of a frame camera.
 
     Raises BadInput if the kind is unknown or of spikes that the camera has not, the view leaves the recording, a window
@@ -105,7 +107,9 @@ def choose_windows(
             f"a window of {length} frames in a view of {len(span)}", allowed=f"1 to {len(span)}", hint="widen the view"
         )
     last = span.stop - length
-    if every is None:
+    if len(at):
+        starts = np.clip(np.round(np.sort(at) - (length - 1) / 2), span.start, last).astype(np.int64)
+    elif every is None:
         starts = np.unique(np.linspace(span.start, last, max(count, 1)).astype(np.int64))
     else:
         starts = np.arange(span.start, last + 1, _positive_integer("every", every))

@@ -188,7 +188,10 @@ def stated_licences(folder: Path) -> list[str]:
 
 
 def front_matter(manifest: Manifest, licences: Sequence[str]) -> str:
-    """Return the first lines of README.md, which the Hugging Face Hub reads, with a configuration of all splits."""
+    """Return the first lines of README.md, which the Hugging Face Hub reads.
+
+    Its library cannot read streams, so the only configuration is the table of all sequences.
+    """
     count = len(manifest.sequences)
     sizes = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"))
     matter: dict[str, Any] = {
@@ -199,9 +202,8 @@ def front_matter(manifest: Manifest, licences: Sequence[str]) -> str:
         "annotations_creators": ["machine-generated"],
         "size_categories": [next((name for limit, name in sizes if count < limit), "100K<n<1M")],
     }
-    if manifest.splits:
-        files = [{"split": split, "path": f"{split}/*.h5"} for split in manifest.splits]
-        matter["configs"] = [{"config_name": "default", "data_files": files}]
+    if manifest.sequences:
+        matter["configs"] = [{"config_name": "default", "data_files": [{"split": "sequences", "path": TABLE_NAME}]}]
     lines = [f"{key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in matter.items()]  # JSON is YAML
     return f"---\n{''.join(lines)}---\n"
 

@@ -150,10 +150,38 @@ def test_only_the_reader_of_the_address_is_answered_and_only_by_this_name(server
         assert ask(server, "picture", b"{}", address)[0] == 404
     assert ask(server, "other", None)[0] == 404
     assert ask(server, "other")[0] == 404
-    assert ask(server, Host="evil.example")[0] == 403  # a name that resolves to this machine
-    assert ask(server, Origin="http://evil.example")[0] == 403  # a page that guesses the address
     assert ask(server, Host=f"localhost:{server.server_port}")[0] == 200
+    forwarded = "localhost:9"  # a port of another machine that leads here
+    assert ask(server, Host=forwarded, Origin=f"http://{forwarded}")[0] == 200
+    for headers in (
+        {"Host": "evil.example"},  # a name that resolves to this machine
+        {"Host": f"evil.example:{server.server_port}"},
+        {"Host": "localhost.evil.example"},
+        {"Origin": "http://evil.example"},  # a page that guesses the address
+        {"Host": forwarded, "Origin": "http://localhost:10"},
+    ):
+        status, why = ask(server, **headers)
+        assert (status, why.decode()) == (
+            403, "This camera answers only pages of 127.0.0.1 and localhost: open the address it printed.\n"
+        )  # fmt: skip
+    assert b"open the address that saf-gen live printed" in ask(server, "other")[1]
     assert ask(server, body=b" " * (1 << 17))[0] == 400
+
+
+@pytest.mark.parametrize("half", [b"POST /", b"POST / HTTP/1.1\r\nHost: localhost\r\n", b""])
+def test_half_a_request_is_not_waited_for(server, monkeypatch, half):
+    monkeypatch.setattr("saf_gen.addons.live.server._Handler.timeout", 0.1)
+    with socket.create_connection(server.server_address, timeout=60) as connection:
+        connection.sendall(half)
+        assert connection.recv(1) == b""  # it is closed
+
+
+def test_a_body_that_does_not_come_is_not_waited_for(server, monkeypatch):
+    monkeypatch.setattr("saf_gen.addons.live.server._Handler.timeout", 0.1)
+    with socket.create_connection(server.server_address, timeout=60) as connection:
+        head = f"POST /{server.token}/picture HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n{{"
+        connection.sendall(head.encode())
+        assert connection.recv(1) == b""
 
 
 # --- in a browser --------------------------------------------------------------------------------------
@@ -215,6 +243,8 @@ def test_turning_the_knob_changes_the_picture_and_the_score(server):
         await turn("region", "frame");
         const size = [get("picture").width, get("picture").height];
         return {{ far, near, bright, dim, unseen, revealed: get("where").textContent, turned, size,
+          legend: [...document.querySelectorAll(".u-legend .u-value")].map((value) => value.textContent),
+          spelled: get("spelled").textContent, title: document.title,
           problem: get("problem").textContent, lines: document.querySelectorAll("#plot canvas").length,
           speed: get("speed").textContent }};
         """,
@@ -227,6 +257,9 @@ def test_turning_the_knob_changes_the_picture_and_the_score(server):
     assert seen["size"] == [camera.capture.sensor.columns, camera.capture.sensor.rows]
     assert seen["problem"] == ""
     assert seen["lines"] == 1
+    assert len([float(value) for value in seen["legend"]]) == 5  # time, three scores, lens: those of now
+    assert seen["spelled"] == "sd: spike dispersion; golden_section: golden section search"
+    assert seen["title"] == f"Live spike camera: {camera.capture.plane_source.time_stack.specs[0].scene}"
     assert re.fullmatch(r"\d+\.\d\d × real time; possible: [\d,]+ readouts/s, \d+\.\d\d ×", seen["speed"])
 
 
@@ -278,7 +311,7 @@ def test_the_command_prints_the_address_and_ends_when_told(captured_dataset, num
     with started(captured_dataset) as (process, line):
         address = re.fullmatch(r"(http://127\.0\.0\.1:\d+/[\w-]{22}/)   \(Ctrl-C ends it\)\n", line)[1]
         with urllib.request.urlopen(address, timeout=60) as page:
-            assert b"<title>Live spike camera</title>" in page.read()
+            assert b"<title>Live spike camera: " in page.read()
         process.send_signal(number)
         out, err = process.communicate(timeout=60)
         assert (process.returncode, out) == (code, "")
