@@ -141,7 +141,7 @@ def run_methods(
     specs = {dt: f"sd_code+naive:dt={dt},step={max(dt // 4, 1)}" for dt in WINDOWS if 2 * dt <= frames}
     naive = {dt: next(iter(parse_methods([spec]))) for dt, spec in specs.items()}
     methods = parse_methods([*(f"{measure}+argmax" for measure in MEASURES), EGS, SGFS, *specs.values()])
-    groups = by_region(keep_those_that_suit(methods, list(tasks), asked=True, tell=lambda line: None), "target")
+    groups = by_region(keep_those_that_suit(methods, list(tasks), asked=methods, tell=lambda line: None), "target")
     keep.begin(groups, protocol=None, predictions=None, stacks=stacks)
     records: list[Record] = []
     sweeps: list[SweepSummary] = []
