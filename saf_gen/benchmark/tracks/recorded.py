@@ -101,9 +101,10 @@ def evaluate_recorded(
             "optima": optima_of_stream(stream.metadata.provenance),
             "grain": grain_of_stream(stream.metadata.provenance),
         }
+        rate_here = reference_rate(counts.shape)
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, None if method.guest else method.measure)
-            run = run_recorded(method, view, stream=stream, rate=reference_rate(counts.shape))
+            run = run_recorded(method, view, stream=stream, rate=rate_here)
             records.append(make_record(run, who=method.who(region_name), what=what, **known))
             blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
             if blocks_alone and method.measure_name not in curves and not run.problem:
