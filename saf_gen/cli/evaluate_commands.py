@@ -1,5 +1,6 @@
 """The commands ``evaluate`` and ``score``."""
 
+import shlex
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -139,7 +140,8 @@ def evaluate_command(
     regions = " and ".join(sorted({record.who.region for record in result.records}, reverse=True))
     title = f"{data}: {describe_size(result.records)}, region {regions}{', closed loop' if protocol else ''}"
     # after writing files, because a pipe that closes early, as with `| head`, ends the program
-    print_leaderboard(replace(board.printed, title=title), last_words=board.last_words, written=written)
+    words = [text.replace("RECORDING", shlex.quote(str(data))) if data.is_file() else text for text in board.last_words]
+    print_leaderboard(replace(board.printed, title=title), last_words=words, written=written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
     broke = [record for record in result.records if record.broke]

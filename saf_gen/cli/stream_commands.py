@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,7 @@ from saf_gen.errors import BadInput, escape_controls, unknown
 
 if TYPE_CHECKING:
     from saf_gen.stream.interop import Readouts, Source
+    from saf_gen.stream.recordings import Recording
 
 SHADES = " .:-=+*#%@"
 PICTURE_COLUMNS, PICTURE_FRAMES = 48, 200
@@ -475,7 +477,10 @@ def view_command(
     ] = None,
     at: Annotated[
         str | None,
-        typer.Option(help="answer: where measures agree, or both places, by the evaluation that lies beside it."),
+        typer.Option(
+            help="truth; a position of the lens, 0 to 1; or answer: where measures agree, or both places, by the "
+            "evaluation that lies beside it."
+        ),
     ] = None,
     measure: Annotated[list[str] | None, typer.Option(help="Focus measure whose curve is drawn; repeatable.")] = None,
     region: Annotated[str, typer.Option(help="Where measures look: target (its box is drawn) or frame.")] = "target",
@@ -490,16 +495,17 @@ def view_command(
     from saf_gen.stream.pictures import write_view
     from saf_gen.stream.recordings import open_recording
 
-    if at not in (None, ANSWER):
-        raise unknown("place", at, allowed=[ANSWER], hint="--from and --to state frames")
     if at is not None and (first or stop or every):
         raise BadInput("--at is given with --from, --to or --every", hint="leave them out: --at says which frames")
     with open_recording(stream) as opened:
-        agreement = None
-        if at is not None:
+        agreement, frames = None, list[float]()
+        if at == ANSWER:
             from saf_gen.leaderboard.agreement import read_agreement
 
             agreement = read_agreement(stream, opened.content_sha256)
+            frames = [place.frame for place in agreement.places]
+        elif at is not None:
+            frames = [_frame_at(at, opened)]
         for name in measure or ():
             if misfit := measure_misfit(name, opened.counted, form=opened.form):
                 raise misfit
@@ -511,7 +517,7 @@ def view_command(
             first=first,
             stop=stop,
             every=every,
-            at=[place.frame for place in agreement.places] if agreement else (),
+            at=frames,
             measures=measure or (),
             find_measure=admit_measure,
             region=region,
@@ -521,6 +527,26 @@ def view_command(
     out.print(f"{size}{'' if len(pictures.starts) == 1 else ' each'} in {target}")
     if agreement:
         out.print(agreement.describe(), soft_wrap=True)
+
+
+def _frame_at(place: str, recording: "Recording") -> float:
+    """Return the frame of the truth, or the first at which the lens is nearest to a position, 0 to 1."""
+    truth, lens = recording.truth, recording.metadata.lens_position
+    if place == "truth":
+        if not isfinite(truth.frame):
+            problem = "the lens never passes the true focus" if truth.known else "no true focus is known"
+            raise BadInput(f"--at truth: {problem}", where=str(recording.path), allowed="answer, or a position, 0 to 1")
+        return truth.frame
+    try:
+        position = float(place)
+    except ValueError:
+        position = -1.0
+    if not 0 <= position <= 1:
+        allowed = f"{ANSWER}, truth, or a position of the lens, 0 to 1"
+        raise BadInput(f"--at is {place!r}", allowed=allowed, hint="--from and --to state frames")
+    if lens is None:
+        raise BadInput("--at is a position", where=str(recording.path), hint="it has no log of the lens: use --from")
+    return float(np.abs(lens - position).argmin())
 
 
 COMMANDS = {

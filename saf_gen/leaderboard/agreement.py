@@ -21,7 +21,7 @@ from saf_gen.benchmark.records import Record, read_records
 from saf_gen.core.config.registry import FORM_SUFFIXES, is_builtin_name
 from saf_gen.core.plain_text import plural
 from saf_gen.core.table import percent
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, some_of
 from saf_gen.leaderboard.ranking import group_by
 from saf_gen.plugins.measures import get_measure
 
@@ -29,6 +29,8 @@ EVALUATION = "evaluation"
 """Name of the folder of an evaluation, in that of the dataset, or after the name of a recording."""
 NEAR = 0.04
 """Distance within which votes agree, as a fraction of the travel, or of the frames where the lens is unknown."""
+FAR = 0.15
+"""Distance of the truth from where measures agree, as a fraction of the travel, beyond which one of them is doubted."""
 MIN_SHARE = 0.7
 """Share of the votes below which the measures disagree."""
 MIN_VOTES = 3
@@ -76,7 +78,8 @@ class Agreement:
         first, *others = self.places
         votes = f"{len(first.measures)} of {plural(len(self.asked), 'measure')}"
         if self.agrees:
-            return f"{self.sequence} is sharpest at {first}: {votes} agree ({percent(self.share)})."
+            agreeing = f"{votes} agree ({percent(self.share)}): {some_of(first.measures)}"
+            return f"{self.sequence} is sharpest at {first}: {agreeing}."
         rest = f", {len(others[0].measures)} on {others[0]}" if others else ""
         return (
             f"The measures disagree on {self.sequence}: {votes} ({percent(self.share)}) agree on {first}{rest}. The "
@@ -95,6 +98,22 @@ def lacks_truth(record: Record) -> bool:
     return record.what.track == "recorded" and record.judgement.truth is None
 
 
+def contradicts_truth(records: Sequence[Record]) -> list[str]:
+    """Return a sentence, in a list, if the measures agree on a place far from the stated truth of a recording."""
+    judgement = records[0].judgement
+    if judgement.truth is None or records[0].what.track != "recorded":
+        return []
+    answer = agree(records)
+    place = answer.places[0] if len(answer.asked) >= MIN_VOTES and answer.agrees else None
+    if place is None or place.position is None or abs(place.position - judgement.truth) <= FAR:
+        return []
+    return [
+        f"The stated focus, {judgement.truth:.3f}, is far from position {place.position:.3f}, where "
+        f"{len(place.measures)} of {plural(len(answer.asked), 'measure')} agree. Compare both: saf-gen view RECORDING "
+        "--at truth, and --at answer. If the second is sharp, the log of the lens may be reversed."
+    ]
+
+
 def follows_light(measure: str) -> bool:
     """Return whether a measure is part of saf_gen, and its score grows with the light."""
     return _is_builtin(measure) and get_measure(split_options(measure)[0]).degree > 0
@@ -107,7 +126,8 @@ def read_agreement(recording: Path, content_sha256: str) -> Agreement:
     """
     folders = [recording.with_name(f"{recording.stem}-{EVALUATION}")]
     folders += [folder / EVALUATION for folder in recording.absolute().parents[:2]]
-    for folder in filter(Path.is_dir, folders):
+    there = [folder for folder in folders if folder.is_dir()]
+    for folder in there:
         if records := [r for r in read_records(folder) if r.what.data == content_sha256 and r.what.track == "recorded"]:
             agreement = agree(records)
             if len(agreement.asked) < MIN_VOTES:
@@ -116,7 +136,8 @@ def read_agreement(recording: Path, content_sha256: str) -> Agreement:
             if not agreement.places:
                 raise BadInput(agreement.describe().rstrip("."), where=str(folder))
             return agreement
-    raise BadInput(f"no evaluation of {recording} lies beside it", hint=f"run saf-gen evaluate {quote(str(recording))}")
+    problem = f"{there[0]} is of another content" if there else f"no evaluation of {recording} lies beside it"
+    raise BadInput(problem, hint=f"run saf-gen evaluate {quote(str(recording))}")
 
 
 def agree(records: Sequence[Record]) -> Agreement:

@@ -19,7 +19,7 @@ from saf_gen.core.plain_text import plural
 from saf_gen.core.table import Table
 from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard import tables
-from saf_gen.leaderboard.agreement import Agreement, find_agreements, lacks_truth
+from saf_gen.leaderboard.agreement import Agreement, contradicts_truth, find_agreements, lacks_truth
 from saf_gen.leaderboard.merging import merge_records
 from saf_gen.leaderboard.ranking import (
     LeaderboardRow,
@@ -92,7 +92,7 @@ class Leaderboard(Sequence[LeaderboardRow]):
     @cached_property
     def ranking(self) -> Table:
         """The rows as a table."""
-        return tables.ranking(self.rows, answers=self.answers if self.lacks_truth else None)
+        return tables.ranking(self.rows, answers=self.answers, judged=not self.lacks_truth)
 
     @cached_property
     def lacks_truth(self) -> bool:
@@ -168,7 +168,8 @@ class Leaderboard(Sequence[LeaderboardRow]):
     @cached_property
     def warnings(self) -> list[str]:
         """What is wrong with methods, recordings or machines."""
-        return warnings_on(self.rows, self.records)
+        doubts = contradicts_truth(self.records) if self.answers else []
+        return [*doubts, *warnings_on(self.rows, self.records)]
 
     @cached_property
     def verdict(self) -> tuple[str, str]:

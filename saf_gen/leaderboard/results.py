@@ -223,6 +223,11 @@ def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> tup
     The first of the two texts may be empty.
     """
     leaders = [row for row in rows if row.rank == 1]
+    if not leaders and any(record.judgement.error is not None for record in records):
+        return (
+            "The true focus is known, but not its depth: nothing is right or wrong.",
+            "State it to saf-gen import: --depth-of-focus NEAR FAR.",
+        )
     if not leaders:
         why = "No sequence has a known truth within reach of its lens, so methods are not ranked"
         return "", f"{why} and the table shows only their cost."
@@ -233,6 +238,10 @@ def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> tup
     answerable = plural(best.answerable or 0, "sequence")
     right = f"right on {percent(best.answerable_1dof or 0.0)} of {answerable}, averaged over scenes"
     scenes = len({record.what.scene for record in records if record.answerable})
+    if len({record.what.sequence for record in records}) == 1:
+        near = [row.method for row in leaders if best.answerable_1dof]
+        named = f"{some_of(near)}." if near else ""
+        return f"Right within 1 DoF: {len(near)} of {plural(len(rows), 'method')}.", named
     if len(rows) == 1:
         return "", f"{names}: {right}."
     if level == others and (others or len(leaders) > 1):

@@ -55,33 +55,49 @@ def _interval(
 # --- ranking -------------------------------------------------------------------------------------------
 
 
-def ranking(rows: Sequence[LeaderboardRow], *, answers: Mapping[str, Record] | None = None) -> Table:
+def ranking(
+    rows: Sequence[LeaderboardRow], *, answers: Mapping[str, Record] | None = None, judged: bool = True
+) -> Table:
     """Return the leaderboard, with a column for each light schedule.
 
-    If nothing is judged, because no truth is known, readers see the ``answers`` of the methods in place of ranks.
+    Readers also see the ``answers`` of the methods, those on a single sequence; if nothing is ``judged``, because no
+    truth is known, in place of ranks. If no depth of focus is known, they see errors as fractions of the travel.
     """
     lights = [light for light, _ in rows[0].success_by_light] if rows else []
     apart = any(row.success_least_blur is not None for row in rows)
-    judged = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
+    answerable = any(row.false_abstentions is not None for row in rows)  # then these say what abstentions were worth
     columns = (*_RANK, *((LEAST_BLUR,) if apart else ()), *map(_light, lights), *_ABSTAINING, *_ERROR, *_COST)
-    shown = [replace(c, for_programs=True) if judged and c.name == "abstained" else c for c in columns]
-    return Table(shown if answers is None else _unjudged(shown, rows, answers=answers), rows, "Leaderboard", _mark)
+    shown = [replace(c, for_programs=True) if answerable and c.name == "abstained" else c for c in columns]
+    if not judged:
+        shown = _unjudged(shown, rows, answers=answers or {})
+    elif answers:
+        shown = _insert_answers(shown, answers)
+    if judged and not answerable and any(row.median_error_travel is not None for row in rows):
+        shown = [replace(c, optional=True, detail=min(c.detail, USUAL)) for c in shown]
+    return Table(shown, rows, "Leaderboard", _mark)
+
+
+def _insert_answers(columns: Sequence[Column], answers: Mapping[str, Record]) -> list[Column]:
+    """Return the columns with frame and position of each method's answer after its name."""
+
+    def answer(name: str, format: str, meaning: str) -> Column:
+        return _number(name, lambda row: getattr(answers[row.method].judgement, name), format, meaning, detail=USUAL)
+
+    found = answer("frame", ".0f", "Frame of the answer, counted from 0."), answer("position", ".3f", POSITION)
+    at = next(number for number, column in enumerate(columns) if column.name == "method") + 1
+    return [*columns[:at], *found, *columns[at:]]
 
 
 def _unjudged(
     columns: Sequence[Column], rows: Sequence[LeaderboardRow], *, answers: Mapping[str, Record]
 ) -> list[Column]:
     """Return the columns for answers that nobody judged: readers see the method, its answer and its computing time."""
-
-    def answer(name: str, format: str, meaning: str) -> Column:
-        return _number(name, lambda row: getattr(answers[row.method].judgement, name), format, meaning)
-
-    found = answer("frame", ".0f", "Frame of the answer, counted from 0."), answer("position", ".3f", POSITION)
     seconds = next(replace(c, header="seconds", detail=ESSENTIAL, group="") for c in columns if c.name == "seconds")
     readable = ["method", *(["failed"] if any(row.failed for row in rows) else [])]
     others = [c if c.name in readable else replace(c, for_programs=True) for c in columns if c.name != "seconds"]
     at = next(number for number, column in enumerate(others) if column.name == "method") + 1
-    return [*others[:at], *(found if answers else ()), seconds, *others[at:]]
+    others.insert(at, seconds)
+    return _insert_answers(others, answers) if answers else others
 
 
 def shade(board: Table) -> Table:
