@@ -235,6 +235,13 @@ def of_method(error: BadInput, spec: str) -> BadInput:
     return BadInput(error.problem, where=where, allowed=error.allowed, nearest=error.nearest, hint=hint)
 
 
+def _example_with(half: str) -> str:
+    """Return a method with a measure or a search."""
+    if split_options(half)[0] not in names("searches"):
+        return f"{half or 'sd'}+argmax"
+    return f"{'er_count' if '_events' in half else 'sd'}+{half}"
+
+
 def split_method(spec: str) -> tuple[list[str], str, str]:
     """Return the measure and the search in a name, the name without its region, and the region."""
     text, region = split_region(spec)
@@ -249,7 +256,7 @@ def split_method(spec: str) -> tuple[list[str], str, str]:
             if Path(text).name == CARD
             else ""
             if near
-            else f"try {halves[0] or 'sd'}+argmax; `saf-gen methods list` shows measures and searches",
+            else f"try {_example_with(halves[0])}; `saf-gen methods list` shows measures and searches",
         )
     measure, search = (split_options(half)[0] for half in halves)
     if measure in names("searches") and search in measure_names():

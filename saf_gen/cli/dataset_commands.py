@@ -254,13 +254,15 @@ def _time(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:,.1f} h"
 
 
-def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder.")]) -> None:
+def verify_command(dataset: Annotated[Path, typer.Argument(help="Dataset folder, or its name.")]) -> None:
     """Check every file of a dataset against its digest."""
     from saf_gen.stream.dataset import verify_dataset
     from saf_gen.stream.description import describe_flaws
     from saf_gen.stream.manifest import read_manifest
+    from saf_gen.stream.sample_dataset import find_data
     from saf_gen.stream.sharing.fetching import check_published
 
+    dataset = find_data(dataset)
     flaws: dict[str, dict[str, str]] = {}
     count, problems = verify_dataset(dataset, report=lambda name, held: flaws.update({name: describe_flaws(held)}))
     if not count:

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from collections import Counter
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -419,6 +420,9 @@ def index_command(
     if unlit and len(manifest.sequences) > 1:
         told = f"names that tell no light, as desk-sun-01.h5 does; each is a scene of its own: {_some(unlit)}"
         err.print(escape_controls(told), soft_wrap=True)
+    in_splits = {(entry.scene, entry.split) for entry in manifest.sequences}
+    if both := [scene for scene, count in Counter(scene for scene, _ in in_splits).items() if count > 1]:
+        err.print(escape_controls(f"scenes that are in several splits: {_some(both)}"), soft_wrap=True)
     splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
     size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
     with open_recording(folder / manifest.sequences[0].file) as first:

@@ -46,6 +46,11 @@ from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, stated_lic
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 STACKS, CAMERAS = "stacks", "cameras"  # folders of a dataset
+METHODS_OF = {
+    "frames": METHOD_OF_FRAMES,
+    "events": " ".join(f"--method er_count+{search}:window=20" for search in ("elp_events", "pbf_events")),
+}
+"""Methods for recordings that the defaults do not suit, by their form."""
 
 
 def other_kinds() -> tuple[str, ...]:
@@ -290,7 +295,7 @@ class Recapture:
         if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
             stacks.symlink_to(os.path.relpath((dataset / STACKS).resolve(), target.resolve()), target_is_directory=True)
         command = read_manifest(target).next_command(target)
-        return f"{command} {METHOD_OF_FRAMES}" if self.camera.form == "frames" else command
+        return " ".join(filter(None, (command, METHODS_OF.get(self.camera.form))))
 
 
 def _light_of_target(stream: SpikeStream, source: ChargeSource) -> np.ndarray:

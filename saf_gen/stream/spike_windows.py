@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.core.region import Region, bounding_box, region_shape
+from saf_gen.core.user_folder import cache_folder
 from saf_gen.errors import BadInput, unknown
 from saf_gen.stream.count_cache import KeptCounts, counts_dtype
 from saf_gen.stream.event_file import has_events
@@ -29,6 +30,7 @@ from saf_gen.stream.manifest import (
     read_manifest,
     stem_of,
 )
+from saf_gen.stream.sample_dataset import SAMPLE, sample
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 COUNTS_FOLDER = "counts"
@@ -87,7 +89,8 @@ class SpikeWindows:
         (stream, first, stop) may return anything.
     counts : str or Path, optional
         Folder that keeps the counts: one byte per window and pixel, or two for windows of more than 255 frames. By
-        default ``counts`` in the dataset. It may be deleted when nothing reads it.
+        default ``counts`` in the dataset or, for the sample, in the user's cache folder. It may be deleted when
+        nothing reads it.
 
     Attributes
     ----------
@@ -133,7 +136,7 @@ class SpikeWindows:
         self.window = _positive_integer("window", window, max_value=shortest.frames, where=where)
         self.stride = self.window if stride is None else _positive_integer("stride", stride)
         self.dataset, self.crop, self.target = Path(dataset), crop, target
-        self.counts = Path(dataset, COUNTS_FOLDER) if counts is None else Path(counts)
+        self.counts = _counts_folder(self.dataset) if counts is None else Path(counts)
         self.windows = [
             Window(entry, first, first + self.window)
             for entry in entries
@@ -266,3 +269,10 @@ def _positive_integer(what: str, value: int, *, max_value: int | None = None, wh
         allowed = "a whole number, at least 1" + ("" if max_value is None else f", at most {max_value}")
         raise BadInput(f"{what} is {value!r:.60}", where=where, allowed=allowed)
     return number
+
+
+def _counts_folder(dataset: Path) -> Path:
+    """Return where counts are kept: in the dataset or, for the sample, which belongs to the package, in the cache."""
+    if dataset.resolve() != sample().resolve():
+        return dataset / COUNTS_FOLDER
+    return (cache_folder() or Path.cwd()) / SAMPLE / COUNTS_FOLDER

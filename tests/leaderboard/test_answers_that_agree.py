@@ -1,6 +1,7 @@
 """The answer of a recording without a truth: the densest place of the measures that do not follow the light."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -76,7 +77,9 @@ def test_one_recording_without_a_truth_gives_answers_in_place_of_ranks():
     board = board_of(answers(0.40, 0.41, 0.42, 0.43))
     assert [column.header for column in board.ranking.shown] == ["method", "frame", "position", "seconds"]
     assert [row.method for row in board][:2] == ["sd+argmax", "sd_code+argmax"]  # in the order of their frames
-    assert board.lead == ["s is sharpest at frame 328, position 0.410: 4 of 4 measures agree (100%)."]
+    assert board.lead == [
+        "s is sharpest at frame 328, position 0.410: 4 of 4 measures agree (100%): sd, sd_code, cen, gradient_code_n."
+    ]
     assert board.notes[0] == "Not asked, because their scores grow with the light: er_count, er_sumsq, gradient_code."
     assert_says_how_to_add_a_truth(board)
     assert board.to_dicts()[0] | {"rank": None, "frame": 320.0, "position": 0.4} == board.to_dicts()[0]
@@ -88,7 +91,7 @@ def assert_says_how_to_add_a_truth(board):
 
 def test_without_a_lens_log_positions_are_unknown():
     board = board_of(answers(0.40, 0.41, 0.42, lens=False))
-    assert board.lead == ["s is sharpest at frame 328: 3 of 3 measures agree (100%)."]
+    assert board.lead == ["s is sharpest at frame 328: 3 of 3 measures agree (100%): sd, sd_code, cen."]
     assert repr(board).splitlines()[2].split() == ["sd+argmax", "320", "–", "0.250"]
 
 
@@ -112,7 +115,7 @@ def test_fewer_than_three_measures_give_no_answer_of_all_and_a_truth_none_either
         "No answer of all: that takes 3 measures of saf_gen that do not follow the light. Add -m baselines."
     ]
     judged = board_of([record(f"{name}+argmax", "s", 0.0) for name in MEASURES])
-    assert judged.lead[0].startswith("Undecided")
+    assert judged.lead[0].startswith("Right within 1 DoF: 7 of 7 methods.")
     assert (judged.agreements, judged.lacks_truth) == ([], False)
 
 
@@ -131,7 +134,10 @@ def test_the_agreement_is_read_from_the_evaluation_beside_a_recording(evaluated)
     path, digest = evaluated
     assert [place.frame for place in read_agreement(path, digest).places] == pytest.approx([656, 80])
     error = refusal(read_agreement, path, "another digest")
-    assert_says(error, f"no evaluation of {path} lies beside it | run saf-gen evaluate '{path}'")
+    assert_says(error, f"my desk-evaluation is of another content | run saf-gen evaluate '{path}'")
+    alone = path.rename(path.with_name("alone.h5"))
+    error = refusal(read_agreement, alone, digest)
+    assert_says(error, f"no evaluation of {alone} lies beside it | run saf-gen evaluate {alone}")
 
 
 @pytest.mark.slow
@@ -146,7 +152,11 @@ def test_the_answer_is_drawn_at_both_places_where_the_measures_disagree(evaluate
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--at", "answr"), "unknown place 'answr' | mean 'answer'"),
+        (("--at", "answr"), "--at is 'answr' | allowed: answer, truth, or a position"),
+        (("--at", "1.5"), "--at is '1.5' | 0 to 1"),
+        (("--at", "nan"), "--at is 'nan'"),
+        (("--at", "0.4"), "--at is a position | no log of the lens"),
+        (("--at", "truth"), "--at truth: no true focus is known"),
         (("--at", "answer", "--from", 8), "--at is given with --from, --to or --every | leave them out"),
     ],
 )
@@ -156,6 +166,28 @@ def test_other_places_and_views_of_an_answer_are_refused(evaluated, call, option
     assert (code, out.exists()) == (2, False)
     for word in words.split(" | "):
         assert word in err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("place", "first"), [("truth", 600), ("0.25", 200)])
+def test_a_picture_is_drawn_at_the_truth_or_at_a_position_of_the_lens(tmp_path, call, place, first):
+    spikes = np.random.default_rng(1).random((800, 8, 12)) < 0.3
+    lens = np.linspace(0, 1, 800, dtype=np.float32)
+    saf_gen.write_stream(tmp_path / "a.h5", spikes, focus_position=lens, truth={"position": 0.75, "frame": 600.0})
+    code, said, err = call("view", tmp_path / "a.h5", "--at", place, "--window", 40, "--out", tmp_path / "a.svg")
+    assert (code, err) == (0, "")
+    assert said.startswith("1 picture of 40 frames in ")
+    shown = int(re.search(r"frames? ([\d,]+)", (tmp_path / "a.svg").read_text())[1].replace(",", ""))
+    assert max(first - 20, 0) <= shown <= first + 1
+
+
+def test_a_stated_truth_far_from_where_the_measures_agree_is_doubted():
+    def board(truth):
+        here = [answer(f"{name}+argmax", 0.6) for name in MEASURES]
+        return board_of([change(one, truth=truth) for one in here])
+
+    assert any("The stated focus, 0.300, is far from position 0.600" in words for words in board(0.3).last_words)
+    assert not any("The stated focus" in words for words in board(0.55).last_words)
 
 
 def test_page_and_files_open_with_the_answer_and_both_pictures(evaluated):

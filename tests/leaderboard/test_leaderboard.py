@@ -192,6 +192,25 @@ def test_notes_mention_few_scenes_and_two_machines(twelve):
     assert "Seconds cannot be compared: they come from 2 machines: x, 2 cores; y, 9 cores." in notes
 
 
+def test_a_single_recording_names_the_methods_that_are_right_and_shows_their_answers():
+    one = [record("a+s", "x", 0.1), record("b+s", "x", 0.3), record("c+s", "x", 5.0)]
+    rows = rank_methods(one)
+    assert verdict_on(rows, one) == ("Right within 1 DoF: 2 of 3 methods.", "a+s, b+s.")
+    assert verdict_on(rank_methods(one[2:]), one[2:]) == ("Right within 1 DoF: 0 of 1 method.", "")
+    shown = {c.name: c for c in ranking(rows, answers={r.who.method: r for r in one}).shown}
+    assert [shown["frame"].text(row) for row in rows] == ["410", "430", "800"]
+    assert "frame" not in {c.name for c in ranking(rows).shown}
+
+
+def test_a_truth_without_a_depth_of_focus_asks_for_it_and_shows_errors_of_the_travel():
+    some = [record("a+s", "x", 0.1, depth_of_focus=None)]
+    rows = rank_methods(some)
+    assert verdict_on(rows, some)[1] == "State it to saf-gen import: --depth-of-focus NEAR FAR."
+    shown = {c.name for c in ranking(rows).up_to(1).shown}
+    assert "median_error_travel" in shown
+    assert "median_error_dof" not in shown
+
+
 def test_closed_loop_figures_have_a_column_only_in_the_closed_loop():
     known = {"track": "closed_loop", "time_to_focus_s": 0.2, "truth_frame": None}
     live = [record("a+s", "x", 0.1, reversals=2, **known), record("a+s", "y", 0.1, reversals=3, **known)]

@@ -82,6 +82,18 @@ def _fail(folder, *, split):
     raise BadInput("nothing is written")
 
 
+def test_an_index_has_a_card_unless_there_is_one_and_tells_scenes_of_several_splits(tmp_path, call):
+    for name in ("train/desk-sun-01", "test/desk-lamp-01", "test/car-sun-01"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        write_stream(tmp_path / f"{name}.h5", SPIKES)
+    assert call("dataset", "index", tmp_path)[2] == "scenes that are in several splits: desk\n"
+    assert '"path": "sequences.csv"' in (tmp_path / "README.md").read_text()
+    (tmp_path / "manifest.json").unlink()
+    (tmp_path / "README.md").write_text("mine")
+    assert call("dataset", "index", tmp_path)[0] == 0
+    assert (tmp_path / "README.md").read_text() == "mine"
+
+
 def test_only_hidden_files_are_no_streams(tmp_path):
     (tmp_path / "._a.h5").write_bytes(b"")
     assert_says(refusal(index_folder, tmp_path), "has no recording")

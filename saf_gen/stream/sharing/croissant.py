@@ -17,6 +17,7 @@ from typing import Any
 
 from saf_gen.core.config.json_document import read_json
 from saf_gen.core.files import file_sha256, write_text
+from saf_gen.core.plain_text import escape_markdown
 from saf_gen.errors import BadInput
 from saf_gen.stream.manifest import MANIFEST_NAME, TABLE_NAME, Manifest, SequenceEntry
 
@@ -160,7 +161,7 @@ def croissant_of(manifest: Manifest, facts: DatasetFacts, *, digests: Mapping[st
 
 
 def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) -> None:
-    """Write ``croissant.json`` into a dataset folder next to its manifest.
+    """Write ``croissant.json`` into a dataset folder next to its manifest, and a ``README.md`` if there is none.
 
     What an earlier card states of the publication stays: its date, and the licence, address and creator if ``facts``
     have none, because its publisher added them.
@@ -174,6 +175,10 @@ def write_croissant(folder: Path, manifest: Manifest, *, facts: DatasetFacts) ->
             added = {key: earlier[key] for key in PUBLISHED if key in earlier} if isinstance(earlier, dict) else {}
             card = added | card | {key: added[key] for key in PUBLISHED[:1] if key in added}
     write_text(path, json.dumps(card, indent=1, ensure_ascii=False) + "\n")
+    readme = folder / "README.md"
+    if not (readme.exists() or readme.is_symlink()):
+        title = f"# {escape_markdown(manifest.name)}\n\n{escape_markdown(facts.description)}\n"
+        write_text(readme, front_matter(manifest, facts.licences) + title)
 
 
 def stated_licences(folder: Path) -> list[str]:
