@@ -78,7 +78,10 @@ def answer_fault(answer: Any, *, commanding: bool) -> tuple[str, str] | None:
     if isinstance(answer.trace, tuple) and len(answer.trace) > MAX_TRACE:
         return f"its trace has {len(answer.trace):,} entries", f"give at most {MAX_TRACE:,}"
     if not (isinstance(answer.trace, tuple) and all(_is_finite_number(x) for x in answer.trace)):
-        return f"its trace is {answer.trace!r}", "give a tuple of finite numbers"
+        return (
+            f"its trace is no flat tuple of finite numbers: {repr(answer.trace)[:80]}",
+            "give the positions, for example",
+        )
     note = answer.note
     if isinstance(note, str) and len(note) > MAX_NOTE_CHARACTERS:
         return f"its note has {len(note):,} characters", f"give one line of at most {MAX_NOTE_CHARACTERS:,}"

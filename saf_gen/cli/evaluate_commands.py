@@ -144,7 +144,8 @@ def evaluate_command(
     print_leaderboard(replace(board.printed, title=title), last_words=words, written=written)
     for failure in result.failures:
         print_error(f"{failure.sequence} could not be evaluated: {failure.problem}", 1)
-    broke = [record for record in result.records if record.broke]
+    at_work = {r.who.method for r in result.records if not (r.who.limits and r.judgement.status == "failed")}
+    broke = [record for record in result.records if record.broke or record.who.method not in at_work]
     print_broken(broke, runs=Counter(record.who.method for record in result.records))
     if result.failures or broke:
         raise typer.Exit(1)

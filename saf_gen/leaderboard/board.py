@@ -7,6 +7,7 @@ from html import escape
 from inspect import isfunction
 from math import inf
 from pathlib import Path
+from textwrap import fill
 from typing import Any, get_args, overload
 from warnings import warn
 
@@ -16,8 +17,8 @@ from saf_gen.benchmark.records import Record, Track, read_records
 from saf_gen.benchmark.results import Evaluation
 from saf_gen.core.config.registry import add_plugin
 from saf_gen.core.plain_text import plural
-from saf_gen.core.table import Table
-from saf_gen.errors import BadInput, unknown
+from saf_gen.core.table import TEXT_WIDTH, Table
+from saf_gen.errors import BadInput, escape_controls, unknown
 from saf_gen.leaderboard import tables
 from saf_gen.leaderboard.agreement import Agreement, contradicts_truth, find_agreements, lacks_truth
 from saf_gen.leaderboard.merging import merge_records
@@ -202,7 +203,8 @@ class Leaderboard(Sequence[LeaderboardRow]):
         return iter(self.rows)
 
     def __repr__(self) -> str:
-        return self.printed.to_text()
+        words = (fill(escape_controls(text), TEXT_WIDTH, break_on_hyphens=False) for text in self.last_words)
+        return "\n".join([self.printed.to_text(), *words])
 
     def to_dicts(self) -> list[dict[str, object]]:
         """Return one dictionary per row with the keys of ``leaderboard.csv``; ``pandas.DataFrame`` accepts the list."""

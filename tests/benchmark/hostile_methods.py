@@ -452,7 +452,7 @@ def answers_with_a_number_that_raises(view):
     return Answer(Frame(7.0))
 
 
-@says("its trace is")
+@says("its trace is no flat tuple")
 def traces_what_is_no_number(view):
     return Answer(FIRST, (1.0, "2", None))
 

@@ -182,7 +182,7 @@ BROKEN_SEARCHES = [
     ("answers", "it answers with float", answering(lambda a, view: a.frame)),
     ("answers", "it answers frame 2000 of 2,000", answering(lambda a, view: Answer(view.frames))),
     ("answers", "it answers frame nan", answering(lambda a, view: Answer(math.nan))),
-    ("answers", "its trace is", answering(lambda a, view: Answer(0.0, (math.nan,)))),
+    ("answers", "its trace is no flat tuple", answering(lambda a, view: Answer(0.0, (math.nan,)))),
     ("answers", "its note is", answering(lambda a, view: Answer(None, (), "one\ntwo"))),
     ("answers", "it answers with a position, but does not", answering(lambda a, view: Answer(position=0.5))),
     ("flat", "ZeroDivisionError", search_of(centroid)),
@@ -454,7 +454,7 @@ def test_a_name_is_a_method_or_a_half_of_one(own, tmp_path):
         ("sdd", "'sdd'", "sd"),
         ("@nowhere.json", "does not exist", ""),
         ("{own}:Nothing", "neither a measure nor a search", ""),
-        ("{own}:Rnge", "AttributeError", ""),
+        ("{own}:Rnge", "has no 'Rnge'", "Range"),
         ("", "''", ""),
     ],
 )

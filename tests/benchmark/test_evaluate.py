@@ -324,7 +324,10 @@ def test_an_abstention_is_recorded_apart_from_errors(stream_file, register):
         (lambda view: Answer(5, note="w\udcff"), "its note is 'w\\udcff'; give one line of text"),
         (raising(BadInput("too dark", where="x")), "BadInput: x: too dark"),
         (lambda view: 1234.5, "it answers with float 1234.5; return saf_gen.parts.Answer(frame), or "),
-        (lambda view: Answer(5, trace=(np.nan,)), "its trace is (nan,); give a tuple of finite numbers"),
+        (
+            lambda view: Answer(5, trace=(np.nan,)),
+            "its trace is no flat tuple of finite numbers: (nan,); give the positions, for example",
+        ),
         (lambda view: Answer(np.nan), "it answers frame nan; give a finite number, or None to abstain"),
         (lambda view: Answer(10**400), "OverflowError: int too large to convert to float"),
         (lambda view: Answer(position=0.5), "it answers with a position, but does not command the lens; answer"),

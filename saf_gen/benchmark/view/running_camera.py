@@ -150,7 +150,8 @@ class RunningCamera:
     def position(self, frame: int) -> float:
         """Return the reading of the position sensor at a frame that has passed, as a fraction of the travel."""
         if not 0 <= frame < max(self.now, 1):
-            raise BadInput(f"frame {frame} has not passed", allowed=f"0 to {max(self.now - 1, 0)}")
+            hint = "" if self.now else "let time pass first: view.wait(1)"
+            raise BadInput(f"frame {frame} has not passed", allowed=f"0 to {max(self.now - 1, 0)}", hint=hint)
         return float(self._sensed[frame])
 
     def move(self, to: float) -> None:
