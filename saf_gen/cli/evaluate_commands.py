@@ -30,10 +30,7 @@ ActuatorName = Annotated[
     str | None, typer.Option(help="Closed loop: actuator, by name or .yaml file (default: voice_coil).")
 ]
 BudgetMs = Annotated[
-    float | None,
-    typer.Option(
-        help="Closed loop: budget in milliseconds (default: the recording's length, or 1 s if no sweep fits into it)."
-    ),
+    float | None, typer.Option(help="Closed loop: budget in milliseconds (default: the recording, or 1 s).")
 ]
 SweepMs = Annotated[float | None, typer.Option(help="Closed loop: milliseconds per sweep (default: half the budget).")]
 

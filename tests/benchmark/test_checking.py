@@ -10,7 +10,7 @@ from saf_gen.benchmark.checking import first_failed_check
 from saf_gen.benchmark.evaluate import evaluate, score_blocks
 from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.leaderboard import rank_methods
-from saf_gen.leaderboard.results import notes_on
+from saf_gen.leaderboard.results import warnings_on
 from saf_gen.leaderboard.tables import ranking
 from saf_gen.stream.stream_file import open_stream
 
@@ -113,7 +113,7 @@ def test_a_row_says_that_its_method_fails_a_check(theirs, tmp_path):
     assert read_records(tmp_path) == list(records)
     rows = rank_methods(records)
     note = f"! marks what fails methods check, which says why: {bad} (measure, zero when empty)."
-    assert note in notes_on(rows, records)
+    assert note in warnings_on(rows, records)
     board = ranking(rows)
     assert [row.method for row in rows if board.columns[0].text(row).endswith("!")] == [bad]
     assert [row["failed_check"] for row in board.to_dicts() if row["failed_check"]] == ["measure, zero when empty"]

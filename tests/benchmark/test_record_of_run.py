@@ -15,7 +15,7 @@ from saf_gen.benchmark.records import Who
 from saf_gen.benchmark.tracks.closed_loop import ClosedLoopSequence
 from saf_gen.benchmark.tracks.record_of_run import find_optimum
 from saf_gen.leaderboard.ranking import rank_methods
-from saf_gen.leaderboard.results import notes_on
+from saf_gen.leaderboard.results import warnings_on
 from saf_gen.leaderboard.tables import ranking
 from saf_gen.parts import Answer
 from saf_gen.stream.metadata import Truth
@@ -194,5 +194,5 @@ def test_the_leaderboard_gives_both_successes_only_where_some_lens_needs_them():
     }
     assert "≤1 DoF of least blur" in ranking(both).to_markdown()
     assert "success_least_blur" in ranking(both).to_csv()
-    assert not any("least blur" in note for note in notes_on(plain, sharp))
-    assert any(note.startswith("On 1 of 2 sequences") for note in notes_on(both, sharp + apart))
+    assert not any("least blur" in note for note in warnings_on(plain, sharp))
+    assert any(note.startswith("On 1 of 2 sequences") for note in warnings_on(both, sharp + apart))

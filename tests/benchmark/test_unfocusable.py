@@ -10,7 +10,7 @@ from saf_gen.benchmark.records import read_records, write_records
 from saf_gen.core.seeds import make_generator
 from saf_gen.errors import BadInput
 from saf_gen.leaderboard.ranking import rank_methods
-from saf_gen.leaderboard.results import notes_on
+from saf_gen.leaderboard.results import warnings_on
 from saf_gen.parts import Answer
 
 FRAMES = 800
@@ -125,7 +125,7 @@ def test_a_leaderboard_counts_what_cannot_be_focused_apart_and_names_it():
         *(record("sd+argmax", f"dark{n}", None, status="abstained", obstacle="no spikes", **blank) for n in range(5)),
         record("sd+argmax", "still", 0.1, obstacle="lens at rest"),
     ]
-    (note,) = (text for text in notes_on(rank_methods(records), records) if "cannot be focused" in text)
+    (note,) = (text for text in warnings_on(rank_methods(records), records) if "cannot be focused" in text)
     assert note.startswith("6 of 7 sequences cannot be focused: 5 with no spikes")
     assert "(dark0, dark1, dark2 and 2 more); 1 with a lens at rest" in note
 

@@ -430,7 +430,7 @@ WRONG = {
     "dataset that is nowhere": ("evaluate FOLDER/ds", "ds | dataset folder or a stream | generate"),
     "folder without a manifest": ("evaluate FOLDER", "manifest.json | saf-gen generate"),
     "verify without a manifest": ("verify FOLDER", "manifest.json | saf-gen generate"),
-    "measure": ("score STREAM --measure sdd --window 9", "focus measure 'sdd' | er_sumsq | did you mean 'sd'?"),
+    "measure": ("score STREAM --measure sdd --window 9", "focus measure 'sdd' | squared_gradient | did you mean 'sd'?"),
     "window of nothing": ("score STREAM --measure sd --window 0", "--window | 1"),
     "window too long": ("score STREAM --measure sd --window 401", "401 | 400"),
     "score's region": (

@@ -12,7 +12,6 @@ from saf_gen.benchmark.tracks.sequence_fields import benchmark_of
 from saf_gen.core.config.frozen_benchmarks import FrozenBenchmark, read_frozen_digests
 from saf_gen.generate.resolve import recipe_digest, resolve_recipe
 from saf_gen.generate.run import generate
-from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.results import notes_on
 from saf_gen.scene.trusted_folders import register_folder
 from saf_gen.stream.stream_file import open_stream
@@ -80,7 +79,7 @@ def test_streams_and_results_name_their_benchmark_and_how_much_of_it_they_cover(
         assert stream.metadata.provenance["benchmark"] == f"small {frozen_small}"
     records = evaluate(tmp_path / "data", methods=["sd+argmax"]).records
     assert {record.what.benchmark for record in records} == {label}
-    assert f"The benchmark is {label}: 2 of 3 sequences of test." in notes_on(rank_methods(records), records)
+    assert f"The benchmark is {label}: 2 of 3 sequences of test." in notes_on(records)
 
 
 @pytest.mark.parametrize("claim", ["", "small", "small 0123456789ab", "unheard_of 00", "saf_bench-v3 " + "0" * 64])

@@ -345,7 +345,7 @@ FRAMES, FRACTION = "whole number of frames, at least 1", "fraction of the travel
         ("argmax", {"window": 0}, "window is 0", FRAMES),
         ("argmax", {"window": 2.5}, "window is 2.5", FRAMES),
         ("argmax", {"refine": "centriod"}, "refine is 'centriod'", "no, parabola, centroid"),
-        ("egs_cod", {}, "unknown search 'egs_cod'", "argmax, argmax_light, block_vote, coarse_to_fine, egs, "),
+        ("egs_cod", {}, "unknown search 'egs_cod'", "egs, egs_code, egs_events, "),
         *(("argmax", {"near": near}, f"near is {near!r}", "above 0, at most 1") for near in (0, 1.5, "half")),
         ("valley", {"weight": 2}, "weight is 2", "0 to 1"),
         ("sign_change", {"window": 1}, "window is 1", "2 frames"),

@@ -93,7 +93,7 @@ def test_a_file_that_is_not_a_manifest_is_refused(tmp_path, text, problem):
         (lambda d: d.update(sequences=3), ["sequences is 3"]),
         (lambda d: d.pop("sequences"), ["'sequences' is missing"]),
         (lambda d: d.update(nmae="x"), ["unknown key 'nmae'", "did you mean 'name'"]),
-        (lambda d: d["sequences"].append(3), ["sequences.2 is 3", "id, split, scene"]),
+        (lambda d: d["sequences"].append(3), ["sequences.2 is 3", "a mapping with the keys"]),
         (lambda d: d["sequences"][0].pop("seed"), ["'sequences.0.seed' is missing"]),
         (lambda d: d["sequences"][0].update(frames="7"), ["sequences.0.frames is '7'", "integer"]),
         (lambda d: d["sequences"][0].update(frames=True), ["sequences.0.frames is True", "integer"]),

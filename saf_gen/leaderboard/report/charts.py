@@ -97,15 +97,22 @@ def _name_best(
     points: Sequence[tuple[LeaderboardRow, float, float]],
 ) -> Iterator[tuple[str, float, float, float, float]]:
     """Yield the labels of the best methods, each below those that it would cover; see :class:`Times`."""
-    taken = [(across - LABEL_GAP / 2, across + LABEL_GAP / 2, up) for _, across, up in points]
+    dots = [(across - LABEL_GAP / 2, across + LABEL_GAP / 2, up) for _, across, up in points]
+    names: list[tuple[float, float, float]] = []
     for row, across, up in points[:NAMED_DOTS]:
         width = len(row.method) * LABEL_LETTER
-        left, at = min(across + LABEL_GAP, 1 - width), up
-        while any(
-            abs(at - other) < LABEL_LINE and left < right and begin < left + width for begin, right, other in taken
-        ):
-            at -= LABEL_LINE
-        taken.append((left, left + width, at))
+        left = min(across + LABEL_GAP, 1 - width)
+        lines = [up - n * LABEL_LINE for n in range(int(up / LABEL_LINE))]
+
+        def free(at: float, taken: Sequence[tuple[float, float, float]], ends: tuple[float, float]) -> bool:
+            return all(abs(at - y) >= 0.99 * LABEL_LINE or ends[1] <= x or right <= ends[0] for x, right, y in taken)
+
+        ends = left, left + width
+        clear = [at for at in lines if free(at, names, ends)]
+        if not clear:
+            continue
+        at = next((at for at in clear if free(at, dots, ends)), clear[0])
+        names.append((*ends, at))
         yield row.method, left, at, across, up
 
 
