@@ -40,6 +40,7 @@ from saf_gen import SpikeWindows
 from saf_gen.benchmark.method_folder import CARD, MethodCard
 from saf_gen.benchmark.method_spec import DEFAULT_CLOSED_LOOP_METHODS, parse_method
 from saf_gen.cli import _terminal, main, root_command
+from saf_gen.core.config import registry
 from saf_gen.generate import resolve
 from saf_gen.generate.recipe import Recipe, read_recipe
 from saf_gen.optics.lens_card import LensCard
@@ -419,6 +420,8 @@ def follow_page(page, desk, monkeypatch, *, small=True, accept=False):
     with other figures are yielded or, with ``accept``, replaced on the page.
     """
     monkeypatch.chdir(desk)
+    # Functions that a page evaluates are forgotten.
+    monkeypatch.setattr(registry, "_registered_here", {kind: {} for kind in registry.PLUGIN_KINDS})
     blocks, printed, exact, is_compared = list(page_blocks(page)), "", False, True
     outputs = [k for k, block in enumerate(blocks) if block.language == "output"]
     for block in blocks if small else blocks[: max(outputs) + 1]:
