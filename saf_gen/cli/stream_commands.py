@@ -14,7 +14,7 @@ from saf_gen.cli._tables import print_facts, print_json
 from saf_gen.cli._terminal import AsJson, Linear, Transfer, err, out
 from saf_gen.cli.command import NOTHING_WRITTEN, Command, Panel
 from saf_gen.core.plain_text import plural
-from saf_gen.errors import BadInput, escape_controls, unknown
+from saf_gen.errors import BadInput, escape_controls, some_of, unknown
 
 if TYPE_CHECKING:
     from saf_gen.stream.interop import Readouts, Source
@@ -355,9 +355,8 @@ def _export_saf_folder(dataset: Path, folder: Path, *, dt: int) -> None:
 
     count, uneven = export_saf_folder(dataset, folder, dt=dt)
     out.print(f"{plural(count, 'recording')} and config.xlsx in {folder}", soft_wrap=True)
-    more = f" and {len(uneven) - 8} more" if len(uneven) > 8 else ""
     if uneven:
-        err.print(escape_controls(f"{UNEVEN}, as the list notes: {', '.join(uneven[:8])}{more}"))
+        err.print(escape_controls(f"{UNEVEN}, as the list notes: {some_of(uneven)}"))
     err.print("config.xlsx has no lens positions, light, target or depth of focus")
 
 
@@ -405,34 +404,28 @@ def index_command(
     A recording's name, SCENE-LIGHT-NUMBER, tells its scene and light.
     """
     from saf_gen.stream.dataset import UNNAMED_LIGHT, index_folder, is_hidden
-    from saf_gen.stream.frame_file import METHOD_OF_FRAMES
-    from saf_gen.stream.recordings import open_recording
+    from saf_gen.stream.recordings import METHODS_OF, open_recording
     from saf_gen.stream.sharing.fetching import is_plain_path
 
     names = {file.relative_to(folder).as_posix(): is_hidden(file, folder) for file in sorted(folder.rglob("*.h5"))}
     if hidden := [name for name, is_left_out in names.items() if is_left_out]:
-        err.print(escape_controls(f"left out, because hidden: {_some(hidden)}"), soft_wrap=True)
+        err.print(escape_controls(f"left out, because hidden: {some_of(hidden)}"), soft_wrap=True)
     if unsafe := [name for name, is_left_out in names.items() if not (is_left_out or is_plain_path(name))]:
-        told = f"names that some systems cannot hold; rename them before you publish: {_some(unsafe)}"
+        told = f"names that some systems cannot hold; rename them before you publish: {some_of(unsafe)}"
         err.print(escape_controls(told), soft_wrap=True)
     manifest = index_folder(folder, split=split)
     unlit = [entry.file for entry in manifest.sequences if entry.light == UNNAMED_LIGHT]
     if unlit and len(manifest.sequences) > 1:
-        told = f"names that tell no light, as desk-sun-01.h5 does; each is a scene of its own: {_some(unlit)}"
+        told = f"names that tell no light, as desk-sun-01.h5 does; each is a scene of its own: {some_of(unlit)}"
         err.print(escape_controls(told), soft_wrap=True)
     in_splits = {(entry.scene, entry.split) for entry in manifest.sequences}
     if both := [scene for scene, count in Counter(scene for scene, _ in in_splits).items() if count > 1]:
-        err.print(escape_controls(f"scenes that are in several splits: {_some(both)}"), soft_wrap=True)
+        err.print(escape_controls(f"scenes that are in several splits: {some_of(both)}"), soft_wrap=True)
     splits = f"split{'' if len(manifest.splits) == 1 else 's'} {', '.join(manifest.splits)}"
     size = f"{plural(len(manifest.sequences), 'sequence')} in {splits}"
     with open_recording(folder / manifest.sequences[0].file) as first:
-        method = f" {METHOD_OF_FRAMES}" if first.form == "frames" else ""
-    out.print(f"{size}; next: {manifest.next_command(folder)}{method}", soft_wrap=True)
-
-
-def _some(names: list[str]) -> str:
-    """Return the first names, and how many others there are."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        command = f"{manifest.next_command(folder)} {METHODS_OF.get(first.form, '')}".rstrip()
+    out.print(f"{size}; next: {command}", soft_wrap=True)
 
 
 def inspect_command(stream: Annotated[Path, typer.Argument(help="Stream file.")], *, as_json: AsJson = False) -> None:

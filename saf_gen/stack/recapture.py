@@ -30,12 +30,12 @@ from saf_gen.stack.capture import Capture
 from saf_gen.stack.charge_source import ChargeSource
 from saf_gen.stack.light import SceneLight, record
 from saf_gen.stack.time_resolved import TimeResolvedStack
-from saf_gen.stream.frame_file import METHOD_OF_FRAMES
 from saf_gen.stream.manifest import MANIFEST_NAME, Manifest, SequenceEntry, read_manifest, stem_of, write_manifest
 from saf_gen.stream.metadata import Metadata
 from saf_gen.stream.recordings import (
     FINGERPRINT,
     LIGHT_S,
+    METHODS_OF,
     SENSOR,
     SPIKES_CONTENT,
     check_replaceable,
@@ -46,11 +46,6 @@ from saf_gen.stream.sharing.croissant import SYNTHETIC, DatasetFacts, stated_lic
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 STACKS, CAMERAS = "stacks", "cameras"  # folders of a dataset
-METHODS_OF = {
-    "frames": METHOD_OF_FRAMES,
-    "events": " ".join(f"--method er_count+{search}:window=20" for search in ("elp_events", "pbf_events")),
-}
-"""Methods for recordings that the defaults do not suit, by their form."""
 
 
 def other_kinds() -> tuple[str, ...]:
@@ -295,7 +290,7 @@ class Recapture:
         if not (stacks.exists() or stacks.is_symlink()):  # for the closed loop
             stacks.symlink_to(os.path.relpath((dataset / STACKS).resolve(), target.resolve()), target_is_directory=True)
         command = read_manifest(target).next_command(target)
-        return " ".join(filter(None, (command, METHODS_OF.get(self.camera.form))))
+        return f"{command} {METHODS_OF.get(self.camera.form, '')}".rstrip()
 
 
 def _light_of_target(stream: SpikeStream, source: ChargeSource) -> np.ndarray:

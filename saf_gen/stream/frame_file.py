@@ -25,8 +25,6 @@ from saf_gen.stream.metadata import Metadata, metadata_to_datasets, stream_diges
 from saf_gen.stream.pixel_mask import Filling
 
 FORMAT, LAYOUT = "saf-gen frames", 2
-METHOD_OF_FRAMES = "--method sd+argmax:window=3"
-"""Option of ``saf-gen evaluate`` for frames, because windows are numbers of frames."""
 
 
 class FrameWriter:

@@ -19,6 +19,11 @@ from saf_gen.stream.stream_writer import StreamWriter
 SENSOR = {"bits": "sensor", "frames": "sensor", "events": "event_sensor"}
 """Name of the text in the provenance that describes the camera, by the form of the file; ``sensor`` is always that on
 whose grid the light was measured."""
+METHODS_OF = {
+    "frames": "--method sd+argmax:window=3",
+    "events": "--method er_count+elp_events:window=20 --method er_count+pbf_events:window=20",
+}
+"""Options of ``saf-gen evaluate`` for recordings whose windows or forms do not suit the default methods, by form."""
 FINGERPRINT, SPIKES_CONTENT, LIGHT_S = "fingerprint", "spikes_content", "light_s"
 """Names of texts in the provenance: from what a recording was made; content_sha256 of the spikes of the same moment;
 and for how many seconds the schedules of the light run."""

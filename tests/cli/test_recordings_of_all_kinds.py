@@ -111,13 +111,14 @@ def test_a_folder_of_any_kind_becomes_a_dataset_that_is_intact_and_evaluated(kin
     command = shown.partition("next: saf-gen ")[2].split()
     assert f"Recordings of {kind}" in json.loads((recording.parent / "croissant.json").read_text())["description"]
     assert call("verify", recording.parent)[0] == 0
-    if kind != "frames":
+    if "--method" not in command:
         command += ["--method", "sd+argmax:window=20"]
+    assert ("er_count+elp_events:window=20" in command) == (kind == "events")
     code, _, error = call(*command, "--out", tmp_path / "judged")
     assert code == 0, error
     records = list(read_records(tmp_path / "judged"))
     assert {record.judgement.status for record in records} == {"answered"}
-    assert len(records) == 2
+    assert len(records) == 2 * command.count("--method")
 
 
 def test_a_folder_of_several_kinds_is_no_dataset(tmp_path, call):
