@@ -193,7 +193,9 @@ def test_a_method_that_breaks_on_some_sequences_is_counted(call, sweeps, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, sweeps, tmp_path):
+def test_a_refusal_and_an_impossible_answer_on_every_sequence_are_exit_code_1_and_an_abstention_is_a_result(
+    call, sweeps, tmp_path
+):
     mine = tmp_path / "mine.py"
     searches = {
         "refuses": "raise BadInput('too short')",
@@ -205,7 +207,10 @@ def test_a_refusal_an_impossible_answer_and_an_abstention_are_results(call, swee
     mine.write_text("\n".join(["from saf_gen.errors import BadInput\nfrom saf_gen.parts import Answer", *code]))
     methods = [f"--method=sd+{mine}:{name}" for name in searches]
     code, _, err = call("evaluate", sweeps, *methods, "--out", tmp_path / "out")
-    assert (code, err) == (0, "")
+    assert code == 1
+    assert [line.partition(f"{mine}:")[2].split(":")[0] for line in err.splitlines()] == [
+        f"{name} failed on 3 of 3 sequences" for name in searches if name != "abstains"
+    ]
     found = {
         record.who.method.split(":")[-1]: record.judgement.status
         for record in read_records(tmp_path / "out/records.jsonl")
