@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def recapture_command(
-    dataset: Annotated[Path, typer.Argument(help="Dataset folder with its stacks, or sample.")],
+    dataset: Annotated[Path, typer.Argument(help="Dataset folder with its stacks, or its name.")],
     *,
     sensor: Annotated[
         str, typer.Option(help="Sensor of another kind than spikes (saf-gen sensors list), or path of its .yaml file.")
@@ -42,10 +42,10 @@ def recapture_command(
     """
     from saf_gen.stack.recapture import CAMERAS, Recapture
     from saf_gen.stream.manifest import read_manifest
-    from saf_gen.stream.sample_dataset import SAMPLE, is_sample, sample
+    from saf_gen.stream.sample_dataset import SAMPLE, find_data, sample
 
-    of_sample = is_sample(dataset)
-    dataset = sample() if of_sample else dataset
+    dataset = find_data(dataset)
+    of_sample = dataset == sample()
     camera, manifest = Recapture.by(sensor, exposure_us=exposure_us), read_manifest(dataset)
     if split is not None and split not in manifest.splits:
         raise unknown("split", split, allowed=manifest.splits, where=str(dataset))

@@ -291,7 +291,7 @@ def encode_command(
 
 
 def export_command(
-    stream: Annotated[Path, typer.Argument(help="Stream file, or with --for saf a dataset folder.")],
+    stream: Annotated[Path, typer.Argument(help="Stream file, or with --for saf a dataset folder or its name.")],
     target: Annotated[Path, typer.Option("--out", help="Raw file to write, or folder for a dataset.")],
     *,
     layout: Annotated[
@@ -307,8 +307,10 @@ def export_command(
     """Convert a stream to a raw spike file, or a dataset to a folder of them."""
     from saf_gen.core.files import check_apart, refuse_link
     from saf_gen.stream.interop import READERS, export_raw_frames
+    from saf_gen.stream.sample_dataset import find_data
     from saf_gen.stream.stream_file import open_stream
 
+    stream = find_data(stream)
     check_apart(stream, target)
     refuse_link(target)
     if stream.is_dir():

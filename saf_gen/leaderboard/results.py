@@ -248,7 +248,7 @@ def verdict_on(rows: Sequence[LeaderboardRow], records: Sequence[Record]) -> tup
         some = plural(scenes, "scene") + (f" (intervals need {MIN_SCENES})" if scenes < MIN_SCENES else "")
         return (
             f"Undecided: {some} cannot tell these {plural(len(rows), 'method')} apart.",
-            f"{names} {'is' if len(leaders) == 1 else 'are'} most often {right}.",
+            f"{names} {'is' if len(leaders) == 1 else 'are'} {right}; no other method is right more often.",
         )
     if level or len(leaders) > 1:
         rest = "every other method can be told apart"

@@ -399,15 +399,15 @@ def of_scenes(*, right, scenes):
             {"a": 3, "b": 2},
             3,
             ["first", "level"],
-            "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> a+s is most often "
-            "right on 100% of 3 sequences, averaged over scenes.",
+            "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> a+s is "
+            "right on 100% of 3 sequences, averaged over scenes; no other method is right more often.",
         ),
         (
             {"a": 3, "b": 3},
             3,
             ["first", "first"],
             "<strong>Undecided: 3 scenes cannot tell these 2 methods apart.</strong> a+s, "
-            "b+s are most often right on 100% of 3 sequences, averaged over scenes.",
+            "b+s are right on 100% of 3 sequences, averaged over scenes; no other method is right more often.",
         ),
         (
             {"a": 60, "b": 2},
@@ -485,5 +485,6 @@ def test_a_source_is_the_first_author_and_year_of_the_first_reference():
         "[1] Exhaustive search. Its code: 2024.",
         "[1] Vollath, 147(3), 1987, doi:x. [2] Santos et al., 1997.",
         "This project, after Vollath, 1987.",
+        '"Autofocus of a Camera", ICML 2026, example.org/2027.',
         "",
-    )] == ["Su 2024", "", "Vollath 1987", "here", ""]  # fmt: skip
+    )] == ["Su 2024", "", "Vollath 1987", "here", "ICML 2026", ""]  # fmt: skip

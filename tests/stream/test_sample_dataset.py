@@ -100,6 +100,23 @@ def test_other_cameras_record_the_sample_into_the_current_folder(call, tmp_path,
     assert sorted(saf_gen.sample().rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (("export", "sample", "--out", "saf", "--for", "saf"), "128"),
+        (("paper", "sample"), "no dynamic scene; allowed"),
+        (("verify", "sample"), ""),
+    ],
+)
+def test_whatever_takes_a_dataset_takes_its_name(call, tmp_path, monkeypatch, command, said):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = call(*command)
+    assert code == (2 if said else 0)
+    assert said in err
+    assert "no such" not in err.lower()
+    assert "does not exist" not in err
+
+
 @pytest.mark.slow
 def test_a_policy_trains_on_the_sample():
     env = AutofocusEnv(saf_gen.sample(), control_s=0.005)

@@ -11,7 +11,7 @@ from saf_gen.cli.command import FINISHED_WORK_IS_KEPT, Command, Panel
 
 
 def paper_command(
-    dataset: Annotated[Path, typer.Argument(help="Dataset folder, such as that of the recipe paper_small.")],
+    dataset: Annotated[Path, typer.Argument(help="Dataset folder or its name, such as paper_small.")],
     *,
     folder: OutFolder = None,
 ) -> None:
@@ -21,7 +21,9 @@ def paper_command(
     to the folder paper in it.
     """
     from saf_gen.addons.paper.conditions import run_methods, select_sequences
+    from saf_gen.stream.sample_dataset import find_data
 
+    dataset = find_data(dataset)
     tasks = select_sequences(dataset)
 
     from saf_gen.addons.paper.claims import judge_claims

@@ -101,8 +101,9 @@ def select_sequences(data: Path) -> list[SequenceTask]:
         best = max(lit, key=lambda scene: len(lit[scene]), default=None)
         missing = [light for light in LIGHTS if best is None or light not in lit[best]]
         if missing:
+            under = f"under {' and '.join(', '.join(missing).rsplit(', ', 1))} light"
             raise BadInput(
-                f"no {motion} scene under {' and '.join(missing)} light" + (f", {best} neither" if best else ""),
+                f"no {motion} scene" + (f" {under}, {best} neither" if best else ""),
                 where=str(data),
                 allowed="a static and a dynamic scene, each under constant, continuous and sudden light",
                 hint="saf-gen generate paper_small makes them all",

@@ -290,12 +290,15 @@ def add_sources(board: Table, plugins: Sequence[PluginDescription]) -> Table:
 
 
 def _author_and_year(source: str) -> str:
-    """Return first author and year of the first reference of a source; "here" for our own, '' for none."""
+    """Return first author and year of the first reference of a source; "here" for our own, '' for none.
+
+    A reference without authors is named by its venue.
+    """
     first = _DOI.sub("", source.partition("[2]")[0])
-    author, year = _AUTHOR.search(first), re.search(r"\b(?:19|20)\d\d\b", first)
+    author, year = _AUTHOR.search(first), re.search(r"\b(?:[A-Z]{3,} )?(?:19|20)\d\d\b", first)
     if first.startswith(OURS):
         return "here"
-    return "" if EVERYBODYS in first or not year else f"{author[1]} {year[0]}" if author else year[0]
+    return "" if EVERYBODYS in first or not year else f"{author[1]} {year[0][-4:]}" if author else year[0]
 
 
 def _say_what_is_judged(records: Sequence[Record]) -> str:

@@ -242,7 +242,8 @@ def test_turning_the_knob_changes_the_picture_and_the_score(server):
         const turned = Number(get("focus").value);
         await turn("region", "frame");
         const size = [get("picture").width, get("picture").height];
-        return {{ far, near, bright, dim, unseen, revealed: get("where").textContent, turned, size,
+        const all = document.documentElement.scrollHeight <= window.innerHeight;
+        return {{ far, near, bright, dim, unseen, all, revealed: get("where").textContent, turned, size,
           legend: [...document.querySelectorAll(".u-legend .u-value")].map((value) => value.textContent),
           spelled: get("spelled").textContent, title: document.title,
           problem: get("problem").textContent, lines: document.querySelectorAll("#plot canvas").length,
@@ -255,6 +256,7 @@ def test_turning_the_knob_changes_the_picture_and_the_score(server):
     assert f"true focus {camera.true_focus:.3f}" in seen["revealed"]
     assert seen["turned"] == pytest.approx(round(camera.true_focus, 3) - 0.005, abs=1e-9)
     assert seen["size"] == [camera.capture.sensor.columns, camera.capture.sensor.rows]
+    assert seen["all"] is True  # picture, chart and knobs are in the window
     assert seen["problem"] == ""
     assert seen["lines"] == 1
     assert len([float(value) for value in seen["legend"]]) == 5  # time, three scores, lens: those of now
