@@ -55,13 +55,13 @@ def main(given: Sequence[str] | None = None) -> None:
         listed = asked.sources.with_name("files.sha256")
         make_dataset(asked.folder, asked.out, sources=sources, listed=listed, sensor=asked.sensor, boxes=asked.boxes)
         found = evaluate(asked.out, methods=asked.method or METHODS, split=ALL_SPLITS, draw=False)
-        found = replace(found, records=judge_again(found.records, read_facts(asked.out)))
-        ranked = tuple(record for record in found.records if record.what.split != UNRANKED)
-        if ranked:
+        facts = read_facts(asked.out)
+        records = judge_again(found.records, facts)
+        if ranked := tuple(record for record in records if record.what.split != UNRANKED):
             board = Leaderboard.of(Evaluation(ranked, (), found.failures, plugins=found.plugins))
             write_evaluation(asked.out / "evaluation", board, title="Real focal stacks")
             print(board)
-        print(table(found.records, read_facts(asked.out)))
+        print(table(records, facts))
     except BadInput as error:
         parser.exit(2, f"{error}\n")
 

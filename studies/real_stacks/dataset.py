@@ -195,7 +195,7 @@ def make_dataset(
         if others := count_other_files(files[name], listed):
             tell(f"{name}: {others} of {len(files[name])} files are not those of {listed.name}, so figures may differ")
         chosen = choose_boxes(read_light(folder / name, source), source, count=boxes)
-        tell(f"{name}: {len(chosen)} boxes" + (f", unit {chosen[0].unit:.2f} pictures" if chosen else ""))
+        tell(f"{name}: boxes {len(chosen)}" + (f", unit {chosen[0].unit:.2f} pictures" if chosen else ""))
         entries += [entry for n, box in enumerate(chosen) for entry in _record(name, source, n, box, camera, out)]
     if not entries:
         raise BadInput("no box has a truth", where=str(folder), allowed="pictures with a peak of sharpness in between")
