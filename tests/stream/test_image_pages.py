@@ -48,6 +48,14 @@ def write_tiff(**options):
     return write
 
 
+def write_bare_tiff(path, values):
+    """A grey TIFF of 16 bits without the tag that says how it is packed, which then means not at all."""
+    rows, columns = values.shape
+    tags = {256: columns, 257: rows, 258: 16, 262: 1, 273: 110, 277: 1, 278: rows, 279: values.nbytes}
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    path.write_bytes(b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(4) + values.astype("<u2").tobytes())
+
+
 WHOLE = {
     "grey PNG": ("a.png", save(), noise(1, np.uint8)), "PNG": ("a.png", save(), noise(3, np.uint8)),
     "PNG with alpha": ("a.png", save(), noise(4, np.uint8)), "PNG of 16 bits": ("a.png", save(), noise(1)),
@@ -56,6 +64,7 @@ WHOLE = {
     "a palette": ("a.png", save("P"), noise(1, np.uint8)),
     "two levels": ("a.png", save("1"), noise(1, np.uint8) // 128 * 255),
     "TIFF": ("a.tif", write_tiff(), noise(1, np.uint8)), "TIFF of 16 bits": ("a.tiff", write_tiff(), noise(1)),
+    "TIFF as ImageJ writes it": ("a.tif", write_bare_tiff, noise(1)),
     "TIFF in colour": ("a.tif", write_tiff(), noise(3, np.uint8)), "deep TIFF": ("a.tif", write_tiff(), noise(3)),
     "deep TIFF with alpha": ("a.tif", write_tiff(extrasamples=["unassalpha"]), noise(4)),
     "deflated TIFF": ("a.tif", write_tiff(compression="zlib", predictor=True), noise(3)),

@@ -114,7 +114,7 @@ def _check_page(page: "TiffPage", *, path: Path) -> None:
     """Raise BadInput unless a page has grey or colours of whole bytes, all of them in the file, and no more."""
     _check_pixels(page.imagelength, page.imagewidth, path=path)
     kind = getattr(page.photometric, "name", page.photometric)
-    packing = str(getattr(page.compression, "name", page.compression))
+    packing = "NONE" if page.compression == 1 else str(getattr(page.compression, "name", page.compression))
     bits = page.bitspersample
     if (kind, page.axes) not in (("MINISBLACK", "YX"), ("RGB", "YXS")) or page.samplesperpixel > 4:
         stored = f"{kind} of {page.samplesperpixel} samples, axes {page.axes}"
