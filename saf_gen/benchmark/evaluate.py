@@ -18,6 +18,7 @@ from saf_gen.benchmark.guests.host import Limits
 from saf_gen.benchmark.kept_sequences import KeptSequences
 from saf_gen.benchmark.method_spec import BASELINES, DEFAULT_CLOSED_LOOP_METHODS, DEFAULT_RECORDED_METHODS, Method
 from saf_gen.benchmark.plugin_description import describe_plugins
+from saf_gen.benchmark.records import NO_INSIDE
 from saf_gen.benchmark.results import Drawn, Evaluation, SequenceFailure
 from saf_gen.benchmark.sequence_evaluation import (
     EvaluateJob,
@@ -35,7 +36,7 @@ from saf_gen.benchmark.tracks.tasks import SequenceTask, select_sequences_to_eva
 from saf_gen.benchmark.view.recording import RecordingView, WindowCounts
 from saf_gen.core.execution import Cluster, SchedulerLost, run_jobs
 from saf_gen.core.plain_text import plural
-from saf_gen.core.region import REGIONS
+from saf_gen.core.region import MIN_SIDE, REGIONS
 from saf_gen.core.user_code import named_user_code
 from saf_gen.errors import BadInput, SafGenError, unknown
 from saf_gen.parts import Measure
@@ -86,9 +87,11 @@ def evaluate(
         Evaluate only the sequences with this scene motion, ``static`` or ``dynamic``.
     region : str, default 'target'
         Where measures look: ``target`` is the box around the target, or the whole frame if a stream has no target;
-        ``frame`` is the whole frame; ``shifted`` (sideways by half its width), ``half`` and ``double`` (its size) are
-        other boxes about the target, and ``centre`` is the middle half of the frame; ``both`` runs every method at the
-        target and again, as ``METHOD@frame``, on the frame. A method whose name includes a region looks there instead.
+        ``inside`` is the largest rectangle inside the target, and a sequence without one is judged for no method that
+        looks there; ``frame`` is the whole frame; ``shifted`` (sideways by half its width), ``half`` and ``double``
+        (its size) are other boxes about the target, and ``centre`` is the middle half of the frame; ``both`` runs every
+        method at the target and again, as ``METHOD@frame``, on the frame. A method whose name includes a region looks
+        there instead.
     protocol : ClosedLoopProtocol, optional
         Conditions of the closed loop, in which each method moves the lens of a running camera. The closed loop needs
         the focal stacks next to the streams, but no renderer. By default the recordings are evaluated as they are.
@@ -127,7 +130,7 @@ def evaluate(
         none of them called ``test``; if a measure assumes another camera's noise;
         if a method commands the lens and there is no protocol; if predictions do not fit the sequences, which is
         checked before anything runs, or come with a protocol; if a single stream cannot be read; if the protocol suits
-        no sequence; or if a worker cannot be used.
+        no sequence; if no sequence has the region ``inside``; or if a worker cannot be used.
     SafGenError
         If the scheduler of the cluster is lost.
     """
@@ -210,6 +213,13 @@ def evaluate(
             where=str(path),
         )
     in_order = [parts[number] for number in sorted(parts)]
+    if parts and all(record.what.obstacle == NO_INSIDE for part in in_order for record in part.records):
+        raise BadInput(
+            f"none of {plural(len(parts), 'sequence')} has a region 'inside'",
+            where=str(path),
+            allowed=f"a target in which a rectangle of {MIN_SIDE} × {MIN_SIDE} pixels fits, away from its edge",
+            hint="use another region, such as target",
+        )
     return Evaluation(
         records=tuple(
             replace(record, who=replace(record.who, failed_check=failed[record.who.code]))
@@ -326,7 +336,7 @@ def score_blocks(
     window : int
         Frames per block, 1 to the number of frames in the recording.
     region : str, default 'target'
-        ``target`` (the box around the target, or the whole frame if the stream has no target) or ``frame``.
+        One of REGIONS, such as ``target`` (the box around the target, or the whole frame if the stream has no target).
 
     Returns
     -------
@@ -338,7 +348,8 @@ def score_blocks(
     Raises
     ------
     BadInput
-        If the window is out of range, if the region or the measure is unknown, if the measure needs spikes and the
+        If the window is out of range, if the region or the measure is unknown, if the stream has no such region, if the
+        measure needs spikes and the
         recording holds something else, or if the measure fails.
     """
     frames = stream.shape[0]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saf_gen.benchmark.records import BLANK, Judgement, Obstacle
+from saf_gen.benchmark.records import UNJUDGED, Judgement, Obstacle
 from saf_gen.benchmark.search_run import withhold
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import Answer
@@ -169,7 +169,7 @@ def judge(run: Run, truth: Truth, *, end_s: Callable[[int], float], obstacle: Ob
     end_s : callable
         Returns the seconds from the beginning to the end of a number of frames.
     obstacle : str, optional
-        What keeps every method from the focus; if the recording is blank, no answer counts.
+        What keeps every method from the focus; with one of UNJUDGED, no answer counts.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def judge(run: Run, truth: Truth, *, end_s: Callable[[int], float], obstacle: Ob
     None for answers and abstentions alike, whatever the frame of the answer. All methods are thus judged on the same
     recordings, and no method gains by answering where the truth is unknown.
     """
-    answer = withhold(run.answer, f"the recording has {obstacle}" if obstacle in BLANK else "")
+    answer = withhold(run.answer, f"the recording has {obstacle}" if obstacle in UNJUDGED else "")
     answered = not run.problem and (answer.frame is not None or answer.position is not None)
     in_loop, dof, path = bool(run.commands), judged_dof(truth.depth_of_focus), _finite_path(run.path)
     moment = None if path is None else float(len(path) - 1) if in_loop else answer.frame

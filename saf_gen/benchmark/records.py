@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 from pydantic import ConfigDict, Field, WrapValidator
@@ -41,8 +41,10 @@ MAX_POSITION_OR_ERROR = 1e100
 
 Blank = Literal["no spikes", "all spikes"]
 """What makes a recording blank: every readout of every pixel is the same, so nobody can know the focus."""
-BLANK = get_args(Blank)
-Obstacle = Literal["no spikes", "all spikes", "lens at rest", "focus not reached"]
+NO_INSIDE: Final = "no inside region"
+UNJUDGED = (*get_args(Blank), NO_INSIDE)
+"""Obstacles at which no answer counts, and no success is known."""
+Obstacle = Literal["no spikes", "all spikes", "no inside region", "lens at rest", "focus not reached"]
 """What keeps every method from the focus of a sequence."""
 Status = Literal["answered", "abstained", "failed"]
 Track = Literal["recorded", "closed_loop"]
@@ -72,7 +74,8 @@ class Who:
     modules (``_name.py``) that they import from the same folder; comments, docstrings, formatting and location are
     ignored."""
     region: str
-    """Region where the method looked: ``target``, ``frame``, ``shifted``, ``half``, ``double`` or ``centre``."""
+    """Region where the method looked: ``target``, ``inside``, ``frame``, ``shifted``, ``half``, ``double`` or
+    ``centre``."""
     parameters: str = ""
     """Measure and search with every option, defaults included."""
     limits: str = ""
@@ -138,8 +141,9 @@ class What:
     largest of their ratios."""
     obstacle: Obstacle | None = None
     """What keeps every method from the focus: ``no spikes`` or ``all spikes`` in the region of the evaluation, where no
-    answer counts and no success is known; ``lens at rest``; or ``focus not reached``, where the lens stays more than 1
-    depth of focus away and no answer is right. None if nothing does."""
+    answer counts and no success is known; ``no inside region``, where the same holds for methods that look inside the
+    target; ``lens at rest``; or ``focus not reached``, where the lens stays more than 1 depth of focus away and no
+    answer is right. None if nothing does."""
     grain_rms: Travel | None = None
     """Noise that the renderer left in the recorded pictures at best focus: rms divided by mean, in the box around the
     target."""
@@ -190,17 +194,20 @@ class Judgement:
     """Recorded track: time until the method saw its last frame. Closed loop: time until the lens arrived for good."""
     optimum: Position | None = None
     """Position at which the focus curve of the method's measure peaks without any noise, in constant light, in the box
-    around the target. For ``sd`` and related measures at rest it follows from the noise-free sharpness in the
-    recording; for others, and for ``sd`` on recordings of moving scenes, the recording may state it."""
+    around the target, or inside the target for methods that look there. For ``sd`` and related measures at rest it
+    follows from the noise-free sharpness in the recording; for others, and for ``sd`` on recordings of moving scenes,
+    the recording may state it."""
     sharpness_lost: Annotated[Number, Field(ge=0, le=1)] | None = None
     """What the target lost of its sharpness at the answer: 1 − S(answer)/S(best), with the noise-free SD, S, that the
     recording holds for each rendered position (``/truth/sharpness``). None if the recording holds none, if its
-    positions are too far apart, or if the scene moves."""
+    positions are too far apart, or if the scene moves. For methods that look inside the target, it is the SD there
+    (``/truth/sharpness_inside``)."""
     grain_of_curve: Travel | None = None
     """Largest energy of the renderer's noise along the recording, divided by the range of the measure's focus curve.
     The curve is the noise-free sharpness for ``sd`` and related measures, and the measure's own energy for
     ``brenner``, ``tenengrad``, ``squared_gradient``, ``energy_of_laplacian`` and ``variance_of_laplacian``; None for
-    other measures, and for methods that look at the frame."""
+    other measures, and for methods that look at the frame. For those that look inside the target, it is that of the
+    box."""
 
     @property
     def error(self) -> float | None:
@@ -247,7 +254,7 @@ class Record:
         """
         what, judgement = self.what, self.judgement
         truth, dof = judgement.truth, judgement.depth_of_focus
-        if truth is None or not dof or what.obstacle in BLANK:
+        if truth is None or not dof or what.obstacle in UNJUDGED:
             return None
         if judgement.status == "answered":
             return None if judgement.error_dof is None else abs(judgement.error_dof) <= limit_dof
@@ -399,7 +406,7 @@ def _find_contradiction(record: Record, *, stated: Mapping[str, Any]) -> tuple[s
     for name in () if is_answered else _NEED_AN_ANSWER:
         if getattr(judgement, name) is not None:
             return f"{status}, but {name} is {getattr(judgement, name):g}", "null if there is no answer"
-    if what.obstacle in BLANK and is_answered:
+    if what.obstacle in UNJUDGED and is_answered:
         return f"answered in a recording of {what.obstacle}", "no answer"
     if off is not None and off > SUCCESS_LIMITS_DOF[1] and what.focus_place is not None:
         return f"focus_place is {what.focus_place:g}, but the lens stays {off:g} DoF away", "null beyond 1 DoF"

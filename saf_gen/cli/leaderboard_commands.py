@@ -137,7 +137,11 @@ def tune_command(
     sweep: SweepMs = None,
     op_rate: OperationRate = None,
     region: Annotated[
-        str, typer.Option(help="Where methods look: target (its bounding box), frame, shifted, half, double or centre.")
+        str,
+        typer.Option(
+            help="Where methods look: target (its bounding box), inside (a rectangle within the target), frame, "
+            "shifted, half, double or centre."
+        ),
     ] = "target",
     cluster: ClusterAddress = None,
 ) -> None:

@@ -1,4 +1,4 @@
-"""Checked windows of frames, regions of pixels, and the bounding box and the middle pixels of the target."""
+"""Checked windows of frames, regions of pixels, and what follows from a target mask: its box, and what lies inside."""
 
 import operator
 
@@ -8,9 +8,14 @@ from saf_gen.errors import BadInput
 
 Region = tuple[slice, slice]
 """Slices of rows and columns, with step 1."""
-REGIONS = ("target", "frame", "shifted", "half", "double", "centre")
-"""Where a method may look: the bounding box of the target, the whole frame, or a box that a camera may choose instead:
-the target's box moved sideways by half its width, of half or twice its size, or the middle half of the frame."""
+REGIONS = ("target", "inside", "frame", "shifted", "half", "double", "centre")
+"""Where a method may look: the bounding box of the target, the largest rectangle inside the target, the whole frame, or
+a box that a camera may choose instead: the target's box moved sideways by half its width, of half or twice its size, or
+the middle half of the frame."""
+MARGIN = 3
+"""Pixels by which a target mask is eroded for the region ``inside``."""
+MIN_SIDE = 24
+"""Least number of rows and of columns of the region ``inside``."""
 
 
 def validate_window(first: int, stop: int, *, total: int, what: str = "frames", where: str = "") -> range:
@@ -67,8 +72,58 @@ def bounding_box(target: np.ndarray) -> Region:
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
+def inside_box(target: np.ndarray) -> Region | None:
+    """Return the largest rectangle inside a target mask, bool (H, W), after the mask is eroded by MARGIN pixels.
+
+    A pixel stays if all pixels up to MARGIN rows and columns away belong to the target. The frame's edge erodes as the
+    target's own does: blur may leak in from beyond it, and nobody knows what is there. Of equal areas, the topmost
+    rectangle is returned, of these the leftmost, and of these the tallest.
+
+    Parameters
+    ----------
+    target : ndarray of bool, shape (H, W)
+        The target mask.
+
+    Returns
+    -------
+    Region or None
+        Rows and columns, at least MIN_SIDE of each; None if no such rectangle is inside.
+
+    Notes
+    -----
+    Each row is a histogram of how far the target goes on above it. A stack of bars of rising height gives all largest
+    rectangles that end in the row, in a time that grows with the number of pixels.
+    """
+    mask = _erode(np.asarray(target, dtype=bool))
+    heights = np.zeros(mask.shape[1], dtype=np.int64)
+    best, box = (0, 0, 0, 0), None
+    for bottom, row in enumerate(mask, start=1):
+        heights = np.where(row, heights + 1, 0)
+        if heights.max(initial=0) < MIN_SIDE:
+            continue
+        bars: list[tuple[int, int]] = []  # first column and height of each bar that still goes on
+        for column, height in enumerate([*heights.tolist(), 0]):
+            left = column
+            while bars and bars[-1][1] >= height:
+                left, tall = bars.pop()
+                rank = tall * (column - left), tall - bottom, -left, tall
+                if min(tall, column - left) >= MIN_SIDE and rank > best:
+                    best, box = rank, (slice(bottom - tall, bottom), slice(left, column))
+            bars.append((left, height))
+    return box
+
+
+def _erode(mask: np.ndarray) -> np.ndarray:
+    """Return which pixels of a mask (H, W) have only marked pixels up to MARGIN rows and columns away."""
+    height, width = mask.shape
+    side = range(2 * MARGIN + 1)
+    padded = np.pad(mask, MARGIN)
+    rows = np.logical_and.reduce([padded[n : n + height] for n in side])
+    return np.asarray(np.logical_and.reduce([rows[:, n : n + width] for n in side]))
+
+
 def place_box(region: str, box: Region, *, size: tuple[int, int]) -> Region:
-    """Return the box of a region of REGIONS, other than ``frame``, for the ``box`` of the target, inside ``size``.
+    """Return the box of a region of REGIONS for the ``box`` of the target, inside ``size``; not of frame or inside.
 
     A box that is shifted moves to larger columns, or to smaller ones where there is more room. One that is resized
     keeps its middle, and is cut off at the edges of the frame; at least one pixel is left.

@@ -12,6 +12,7 @@ import numpy as np
 from saf_gen.camera import Encoder, Sensor, draw_fixed_pattern, exposure_scale
 from saf_gen.camera.camera import LensCourse
 from saf_gen.core.config.json_document import load_plain_json
+from saf_gen.core.region import bounding_box
 from saf_gen.errors import BadInput
 from saf_gen.generate.draw import PlannedSequence
 from saf_gen.plugins.lights import group_gains
@@ -22,12 +23,11 @@ from saf_gen.stack.light import SceneLight, record
 from saf_gen.stack.noise_free import find_optima, noise_free_sharpness
 from saf_gen.stack.picture_stack import describe_picture_truth, find_picture_truth
 from saf_gen.stack.time_resolved import PlaneSource, grain_along
-from saf_gen.stack.true_focus import find_true_focus
+from saf_gen.stack.true_focus import find_inside, find_true_focus
 from saf_gen.stream.defocus_blur import PROVENANCE_KEY as LENS_KEY
 from saf_gen.stream.defocus_blur import lens_to_text
 from saf_gen.stream.metadata import Metadata, Truth
-from saf_gen.stream.optima import PROVENANCE_KEY as OPTIMA_KEY
-from saf_gen.stream.optima import optima_to_text
+from saf_gen.stream.optima import PROVENANCE_KEYS, optima_to_text
 from saf_gen.stream.recorded_grain import PROVENANCE_KEY as GRAIN_KEY
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 from saf_gen.stream.stream_writer import StreamWriter
@@ -147,15 +147,29 @@ class Recorder:
         blends = None if colour is None else _find_blends(colour, charge_source, plane_source=plane_source, gain=gain)
         photographed = spec.estimator == PICTURES
         if photographed:
-            (truth, optima), moment = find_picture_truth(plane_source, position), 0.0
+            (truth, peaks), moment = find_picture_truth(plane_source, position), 0.0
         else:
             truth, moment = find_true_focus(plane_source, position, blends=blends)
         self._scale_light(charge_source, sequence.mean_rate, truth=truth, moment=moment)
         of_groups = gain if colour is None else colour.group_gains(gain)
         grain = grain_along(plane_source, truth, position=position, gain=of_groups)
-        truth = replace(truth, sharpness=noise_free_sharpness(charge_source, truth, position=position))
-        if not photographed:
-            optima = find_optima(charge_source, truth, position=position)
+        inside = find_inside(plane_source, truth, position=position)
+        boxes = {"target": bounding_box(np.asarray(truth.target))} | ({} if inside is None else {"inside": inside})
+        curves = dict(
+            zip(boxes, noise_free_sharpness(charge_source, list(boxes.values()), position=position), strict=True)
+        )
+        truth = replace(truth, sharpness=curves["target"])
+        if inside is not None:
+            rows, columns = inside
+            stated = (rows.start, rows.stop, columns.start, columns.stop)
+            truth = replace(truth, inside=stated, sharpness_inside=curves["inside"])
+        if photographed:  # the peaks by which its focus is known are of the box
+            optima = {"target": peaks}
+        else:
+            optima = {
+                region: find_optima(charge_source, truth, box=box, sharpness=curves[region], position=position)
+                for region, box in boxes.items()
+            }
         in_travel = np.clip(log, 0.0, 1.0)  # a reading may be a little outside
         metadata = Metadata(
             focus_position=log.astype(np.float32),
@@ -174,8 +188,8 @@ class Recorder:
                 "variant": plane_source.backend,
                 **({} if photographed else {LENS_KEY: lens_to_text(spec.drive, pitch_m=spec.pitch_m)}),
                 **({} if grain is None else {GRAIN_KEY: grain.to_text()}),
-                **({"photographed": describe_picture_truth(spec, optima)} if photographed else {}),
-                **({OPTIMA_KEY: optima_to_text(optima)} if optima else {}),
+                **({"photographed": describe_picture_truth(spec, peaks)} if photographed else {}),
+                **{PROVENANCE_KEYS[region]: optima_to_text(found) for region, found in optima.items() if found},
             },
         )
         shape = (self.sensor.rows, self.sensor.columns)

@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from saf_gen.benchmark.records import Record
+from saf_gen.benchmark.records import NO_INSIDE, Record
 from saf_gen.core.plain_text import plural
 from saf_gen.leaderboard.intervals import (
     COARSE,
@@ -397,6 +397,7 @@ def _holds(interval: tuple[float, float] | None, value: float | None) -> bool:
 
 def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:
     """Return the row of a method without rank and intervals, with its success under each of the ``lights``."""
+    records = [r for r in records if r.what.obstacle != NO_INSIDE]  # there it did not run, at no cost
     judged = [r for r in records if r.answerable is not False]
     known = [r for r in records if r.answerable is not None]
     without = [r for r in known if not r.answerable]

@@ -13,7 +13,7 @@ from statistics import median
 from typing import Any
 
 from saf_gen.benchmark.method_spec import measure_and_search, split_options, split_region
-from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Record
+from saf_gen.benchmark.records import NO_INSIDE, SUCCESS_LIMITS_DOF, Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.registry import is_builtin_name, plugin_class
 from saf_gen.core.plain_text import plural
@@ -351,15 +351,27 @@ OBSTACLES = {
 
 
 def _name_obstacles(records: Iterable[Record]) -> list[str]:
-    """Return a sentence, in a list, that counts and names the sequences that cannot be focused; [] if all can."""
-    obstacles = {r.what.sequence: r.what.obstacle for r in records}
+    """Return sentences that count and name the sequences that cannot be focused, and those without a region inside."""
+    records = list(records)
+    obstacles = {r.what.sequence: r.what.obstacle for r in records if r.what.obstacle != NO_INSIDE}
     named = []
     for obstacle, what in OBSTACLES.items():
         if found := sorted(sequence for sequence, its in obstacles.items() if its == obstacle):
-            more = f" and {len(found) - NAMED_SEQUENCES} more" if len(found) > NAMED_SEQUENCES else ""
-            named.append(f"{len(found)} with {what} ({', '.join(found[:NAMED_SEQUENCES])}{more})")
+            named.append(f"{len(found)} with {what} ({_name_some(found)})")
     total = sum(obstacle is not None for obstacle in obstacles.values())
-    return [f"{total} of {plural(len(obstacles), 'sequence')} cannot be focused: {'; '.join(named)}."] if named else []
+    count = plural(len({r.what.sequence for r in records}), "sequence")
+    notes = [f"{total} of {count} cannot be focused: {'; '.join(named)}."] if named else []
+    if without := sorted({r.what.sequence for r in records if r.what.obstacle == NO_INSIDE}):
+        notes.append(
+            f"{len(without)} of {count} have no rectangle inside the target, and count for no method that looks there: "
+            f"{_name_some(without)}."
+        )
+    return notes
+
+
+def _name_some(sequences: Sequence[str]) -> str:
+    more = f" and {len(sequences) - NAMED_SEQUENCES} more" if len(sequences) > NAMED_SEQUENCES else ""
+    return ", ".join(sequences[:NAMED_SEQUENCES]) + more
 
 
 def _name_least_blur(records: Iterable[Record]) -> list[str]:

@@ -27,7 +27,7 @@ from saf_gen.stack.focal_stack import StackSpec
 from saf_gen.stack.light import SceneLight, lamp_integrals
 from saf_gen.stack.time_resolved import FRAMES_PER_BYTE, PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.optima import optima_of_stream
+from saf_gen.stream.optima import PROVENANCE_KEYS, optima_of_stream
 from saf_gen.stream.recordings import LIGHT_S, SENSOR, Recording
 
 CACHE_BYTES = 1 << 30  # planes of a moving scene: methods read them one after another, most in the same sweep
@@ -60,8 +60,9 @@ class Capture:
         Digest of the time slices; '' if the recording was made from them.
     colour : Colour or None
         Lamps of the recording and the axial colour of its lens; None for light of one wavelength.
-    optima : mapping of str to float
-        Distances of the noise-free peaks of measures from the true focus (:mod:`saf_gen.stream.optima`).
+    optima : mapping of str to mapping of str to float
+        Distances of the noise-free peaks of measures from the true focus, by region and measure
+        (:mod:`saf_gen.stream.optima`).
     recorder : CameraSensor, optional
         Sensor of the camera, if that is another one than ``sensor``: an event camera's.
     lamps : callable
@@ -83,7 +84,7 @@ class Capture:
     frames: int
     slices: str = ""
     colour: Colour | None = None
-    optima: Mapping[str, float] = field(default_factory=dict)
+    optima: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     recorder: Any = None
     lamps: Callable[[], Sequence[Integral]] = tuple
     light_s: float = 0.0
@@ -160,7 +161,7 @@ class Capture:
             frames,
             slices,
             colour,
-            optima_of_stream(provenance),
+            {region: optima_of_stream(provenance, region) for region in PROVENANCE_KEYS},
             recorder,
             partial(lamp_integrals, provenance, groups, duration_s=light_s, where=where),
             light_s,

@@ -1,16 +1,18 @@
 """Focus curves without noise: the score of the pictures themselves, as the light falls on the sensor at gain 1.
 
-``sharpness`` is the squared contrast, which is the measure ``sd``. For other measures only the peak is kept
+Each is that of a box: the one around the target, or the largest rectangle inside the target. ``sharpness`` is the
+squared contrast, which is the measure ``sd``. For other measures only the peak is kept
 (:mod:`saf_gen.stream.optima`). They are those whose expected score of spikes is that of the light, apart from a factor
 and an addend that do not depend on the focus: means of products of the counts of pixels, if they cost little. Scores of
 other kinds, such as sums of absolute values or ratios of spectra, have another curve for each amount of noise.
 """
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 
-from saf_gen.core.region import bounding_box
+from saf_gen.core.region import Region
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.parts import wants_halves
 from saf_gen.plugins.measures import get_measure
@@ -32,8 +34,8 @@ COUNTS = 5e4
 seen, and so few that measures sum whole numbers, without the threads that floats would start."""
 
 
-def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> np.ndarray:
-    """Return the noise-free SD (variance divided by squared mean) in the target's box at each rendered position.
+def noise_free_sharpness(charge_source: ChargeSource, boxes: Sequence[Region], *, position: np.ndarray) -> np.ndarray:
+    """Return the noise-free SD (variance divided by squared mean) in each box at each rendered position.
 
     In a moving scene, the value at a position is taken when the lens first reaches it, and is NaN if it never does.
 
@@ -41,21 +43,20 @@ def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position:
     ----------
     charge_source : ChargeSource
         Charge of the recording's stacks.
-    truth : Truth
-        True focus, with the target mask.
+    boxes : sequence of Region
+        Rows and columns of N boxes.
     position : ndarray, shape (T,)
         Position of the lens in each readout, 0 to 1.
 
     Returns
     -------
-    ndarray of float64, shape (focus,)
+    ndarray of float64, shape (N, focus)
         Sharpness at gain 1.
     """
-    box = bounding_box(np.asarray(truth.target))
     positions = charge_source.time_stack.specs[0].positions
     lowest, highest = float(position.min()), float(position.max())
     stride = float(np.abs(np.diff(position)).max(initial=0.0))  # readouts reach the ends only to within this
-    sharpness = np.full(positions, np.nan)
+    sharpness = np.full((len(boxes), positions), np.nan)
     for k, knot in enumerate(np.linspace(0, 1, positions)):
         crossings = np.zeros(1)
         if charge_source.time_stack.is_moving:
@@ -63,21 +64,38 @@ def noise_free_sharpness(charge_source: ChargeSource, truth: Truth, *, position:
             near = abs(reached - knot) <= stride
             crossings = focus_crossings(position, reached) if near else crossings[:0]
         if crossings.size:
-            image = charge_source.nominal_image(float(crossings[0]), float(knot))[box]
-            sharpness[k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2
+            whole = charge_source.nominal_image(float(crossings[0]), float(knot))
+            for n, box in enumerate(boxes):
+                image = whole[box]
+                sharpness[n, k] = image.var(dtype=np.float64) / image.mean(dtype=np.float64) ** 2
     return sharpness
 
 
-def find_optima(charge_source: ChargeSource, truth: Truth, *, position: np.ndarray) -> dict[str, float]:
+def find_optima(
+    charge_source: ChargeSource, truth: Truth, *, box: Region, sharpness: np.ndarray, position: np.ndarray
+) -> dict[str, float]:
     """Return how far the noise-free curves of measures peak from the true focus, in travels, by measure, where known.
 
     For a scene at rest these are MEASURES; from the true focus each curve is climbed to its next peak, so that few
-    pictures are scored. For a moving scene it is ``sd`` alone, from the sharpness in ``truth``: slices have grain of
-    their own, so the peak is fitted.
+    pictures are scored. For a moving scene it is ``sd`` alone, from the sharpness: slices have grain of their own, so
+    the peak is fitted.
+
+    Parameters
+    ----------
+    charge_source : ChargeSource
+        Charge of the recording's stacks.
+    truth : Truth
+        True focus.
+    box : Region
+        Rows and columns in which the curves are.
+    sharpness : ndarray, shape (focus,)
+        Noise-free SD there, by :func:`noise_free_sharpness`.
+    position : ndarray, shape (T,)
+        Position of the lens in each readout, 0 to 1.
     """
     dof = abs(truth.depth_of_focus[1] - truth.depth_of_focus[0])
     if charge_source.time_stack.is_moving:
-        peak = fitted_peak(truth.sharpness, dof=dof)
+        peak = fitted_peak(sharpness, dof=dof)
         if peak is None:
             return {}
         passed = focus_crossings(position, peak)
@@ -85,7 +103,7 @@ def find_optima(charge_source: ChargeSource, truth: Truth, *, position: np.ndarr
         return {"sd": peak - float(np.interp(passed[0], np.arange(track.size), track))} if passed.size else {}
     if truth.track is not None:  # the mix of its lamps changes, and so does the truth
         return {}
-    positions, box = charge_source.time_stack.specs[0].positions, bounding_box(np.asarray(truth.target))
+    positions = charge_source.time_stack.specs[0].positions
     reach = int(min(NEAR_DOF * dof, 1.0) * (positions - 1))
     start = min(max(round(truth.position * (positions - 1)), 1), positions - 2)
     seen = range(max(start - reach, 0), min(start + reach, positions - 1) + 1)

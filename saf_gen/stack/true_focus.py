@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from saf_gen.core.region import Region, inside_box
 from saf_gen.errors import BadInput
 from saf_gen.optics import FittedRays, FocusCriterion
 from saf_gen.optics.focus_crossings import focus_crossings
@@ -15,6 +16,8 @@ from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stream.metadata import Truth
 
 FEW_DEPTHS = 256
+NEAR_DOF = 3.0
+"""Distance of the lens from the true focus, in depths of focus, up to which it is near it."""
 
 
 def find_true_focus(
@@ -88,6 +91,33 @@ def find_true_focus(
     blend = usual if blends is None else blends.blends[blends.number[int(np.clip(round(met), 0, position.size - 1))]]
     truth = _truth_at(plane_source, time_stack.slice_frames.index(nearest), position=best, frame=frame, blend=blend)
     return replace(truth, track=track.astype(np.float32)), frame if np.isfinite(frame) else nearest - 0.5
+
+
+def find_inside(plane_source: PlaneSource, truth: Truth, *, position: np.ndarray) -> Region | None:
+    """Return the largest rectangle inside the target, by :func:`saf_gen.core.region.inside_box`; None if there is none.
+
+    In a moving scene it is inside the target's mask in ``truth`` and in all rendered moments that make up the pictures
+    while the lens is within NEAR_DOF depths of focus of the truth; there is none if the lens never is.
+
+    Parameters
+    ----------
+    plane_source : PlaneSource
+        Focal stacks of the recording.
+    truth : Truth
+        True focus, with the target mask.
+    position : ndarray, shape (T,)
+        Position of the lens in each readout, 0 to 1.
+    """
+    mask, time_stack = np.asarray(truth.target, dtype=bool), plane_source.time_stack
+    if time_stack.is_moving:
+        dof = abs(truth.depth_of_focus[1] - truth.depth_of_focus[0])
+        near = np.flatnonzero(np.abs(position - np.asarray(truth.track)) <= NEAR_DOF * dof)
+        if not near.size:
+            return None
+        before = np.searchsorted(time_stack.slice_frames, near, side="right") - 1
+        for j in np.unique([before, np.minimum(before + 1, len(time_stack.specs) - 1)]).tolist():
+            mask = mask & plane_source.load_geometry(j)[1]
+    return inside_box(mask)
 
 
 def _truth_of_changing_light(plane_source: PlaneSource, position: np.ndarray, *, blends: Blends) -> tuple[Truth, float]:

@@ -32,8 +32,9 @@ def cut_stream(
 
     Lens, light and truth follow. The frame of best focus counts from the new beginning; it is NaN if the lens does not
     pass the focus in these frames. Of the provenance, the sensor and the lens stay, and a text ``cut`` names the stream
-    and its part: a part cannot be recorded again as its whole could. Noise-free sharpness stays if it is still that of
-    the part: in a scene at rest whose rows and columns are all kept.
+    and its part: a part cannot be recorded again as its whole could. Noise-free sharpness and the
+    rectangle inside the target stay if they are still those of the part: in a scene at rest whose rows and columns are
+    all kept.
 
     Parameters
     ----------
@@ -79,6 +80,8 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
     }  # fmt: skip
     kept = {name: text for name, text in held.provenance.items() if name in ("sensor", LENS_KEY)}
     whole = (rows.stop - rows.start, columns.stop - columns.start) == stream.shape[1:]
+    still = whole and stream.truth.track is None
+    lapsed: dict[str, Any] = {} if still else dict.fromkeys(("sharpness", "inside", "sharpness_inside"))
     lens = None if held.lens_position is None else held.lens_position[span]
     truth = _cut_truth(stream.truth, window, lens=lens)
     target, mask = _crop(truth.target, box), _crop(held.mask, box)
@@ -95,7 +98,7 @@ def _cut_metadata(stream: SpikeStream, window: range, *, box: Region) -> Metadat
             depth=_crop(truth.depth, box),
             target=target if target is not None and target.any() else None,
             best_position=_crop(truth.best_position, box),
-            sharpness=truth.sharpness if whole and truth.track is None else None,
+            **lapsed,
         ),
         provenance={**kept, "cut": dumps(part)},
     )

@@ -4,7 +4,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from saf_gen.core.region import Region, bounding_box, place_box
+from saf_gen.core.region import MIN_SIDE, Region, bounding_box, inside_box, place_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
 from saf_gen.stream.metadata import ReadableStream
@@ -44,8 +44,38 @@ def measure_input(source: WindowSource, form: Form, *, first: int, stop: int) ->
     return np.stack([source.window(first, middle), source.window(middle, stop)])
 
 
+def find_inside(stream: ReadableStream) -> Region | None:
+    """Return the largest rectangle inside the target, None if there is none.
+
+    If the recording does not state it, it follows from the target mask of a scene at rest: of a target that moves, the
+    mask of one moment says too little.
+    """
+    truth = stream.truth
+    if truth.inside is not None:
+        top, bottom, left, right = truth.inside
+        return slice(top, bottom), slice(left, right)
+    return None if truth.target is None or truth.track is not None else inside_box(truth.target)
+
+
+def has_region(stream: ReadableStream, region: str) -> bool:
+    """Return whether a recording has one of REGIONS, which all but ``inside`` always are."""
+    return region != "inside" or find_inside(stream) is not None
+
+
 def choose_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
-    """Return the box and the name of one of REGIONS; (None, "frame") for "frame", or if it needs an unknown target."""
+    """Return the box and the name of one of REGIONS; (None, "frame") for "frame", or if it needs an unknown target.
+
+    Raises BadInput for "inside" if the recording has no such region: another one would not be what it stands for.
+    """
+    if region == "inside":
+        if (inside := find_inside(stream)) is None:
+            raise BadInput(
+                "has no region 'inside'",
+                where=str(stream.path),
+                allowed=f"a target in which a rectangle of {MIN_SIDE} × {MIN_SIDE} pixels fits, away from its edge",
+                hint="use another region, such as target",
+            )
+        return inside, region
     target, size = stream.truth.target, (int(stream.shape[1]), int(stream.shape[2]))
     if region == "centre":
         return place_box(region, (slice(0, size[0]), slice(0, size[1])), size=size), region

@@ -53,6 +53,12 @@ class Truth:
     sharpness : ndarray of float64, shape (K,), optional
         Variance of the box around the target, divided by its squared mean, without noise, at K evenly spaced positions;
         in a moving scene, each at the time when the lens first reaches the position.
+    inside : tuple of int, optional
+        First row, stop row, first column and stop column of the largest rectangle inside the target
+        (:func:`saf_gen.core.region.inside_box`); in a moving scene, inside the target at all times at which the lens is
+        near the focus (:func:`saf_gen.stack.true_focus.find_inside`).
+    sharpness_inside : ndarray of float64, shape (K,), optional
+        ``sharpness`` in that rectangle instead of the box.
     track : ndarray of float32, shape (T,), optional
         ``position`` in each frame of a moving scene, or under lamps of several colours whose mix changes; the fields
         before ``sharpness`` then hold at ``frame``.
@@ -74,6 +80,8 @@ class Truth:
     target: np.ndarray | None = None
     best_position: np.ndarray | None = None
     sharpness: np.ndarray | None = None
+    inside: tuple[int, int, int, int] | None = None
+    sharpness_inside: np.ndarray | None = None
     track: np.ndarray | None = None
     least_blur: float | None = None
     in_focus: tuple[float, float] | None = None
@@ -187,6 +195,8 @@ ARRAY_DATASETS = {
     "target": ("/truth/target", "bool", "HW"),
     "best_position": ("/truth/best_position", "float32", "HW"),
     "sharpness": ("/truth/sharpness", "float64", "K"),
+    "inside": ("/truth/inside", "int64", "4"),
+    "sharpness_inside": ("/truth/sharpness_inside", "float64", "K"),
     "track": ("/truth/track", "float32", "T"),
     "least_blur": ("/truth/least_blur", "float64", ""),
     "in_focus": ("/truth/in_focus", "float64", "2"),
@@ -203,7 +213,7 @@ def _checked_array(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.
     source = np.asarray(value)
     if source.dtype.kind not in "buif":
         raise BadInput(f"{name} has dtype {source.dtype}", allowed=f"numbers ({dtype})")
-    known = dict(zip("THW", shape, strict=True)) | {"2": 2}
+    known = dict(zip("THW", shape, strict=True)) | {"2": 2, "4": 4}
     wanted = tuple(known.get(axis, -1) for axis in axes)
     if source.ndim != len(axes) or any(w not in (-1, g) for w, g in zip(wanted, source.shape, strict=True)):
         text = ", ".join(str(w) if w >= 0 else f"any {axis}" for w, axis in zip(wanted, axes, strict=True))
@@ -216,7 +226,19 @@ def _checked_array(name: str, value: Any, *, shape: tuple[int, int, int]) -> np.
         raise BadInput("mask marks every pixel", allowed="at least one pixel that is not masked")
     if name == "readout":
         _check_readouts(source, converted)
+    if name == "inside":
+        _check_inside(source, converted, shape=shape)
     return converted
+
+
+def _check_inside(source: np.ndarray, inside: np.ndarray, *, shape: tuple[int, int, int]) -> None:
+    """Raise BadInput unless a rectangle has whole numbers of rows and columns, and lies in the frame."""
+    top, bottom, left, right = inside.tolist()
+    if (source != inside).any() or not (0 <= top < bottom <= shape[1] and 0 <= left < right <= shape[2]):
+        raise BadInput(
+            f"inside is {source.tolist()}",
+            allowed=f"first and stop of rows, then of columns, whole numbers, in {shape[1]} rows, {shape[2]} columns",
+        )
 
 
 def _check_readouts(source: np.ndarray, readout: np.ndarray) -> None:
@@ -382,6 +404,8 @@ def metadata_from_datasets(values: Mapping[str, Any], shape: tuple[int, int, int
         if name in truth:
             near, far = truth[name]
             truth[name] = (float(near), float(far))
+    if "inside" in truth:
+        truth["inside"] = tuple(truth["inside"].tolist())
     provenance = {n.removeprefix("/provenance/"): str(v) for n, v in values.items() if n.startswith("/provenance/")}
     kind = _checked_kind(provenance.pop("kind", "")) or USUAL[form]
     lights = tuple(str(name) for name in values.get("/light/names", ()))

@@ -1,9 +1,10 @@
-"""Where the noise-free focus curves of measures peak, stored as JSON text in ``/provenance/optima``.
+"""Where the noise-free focus curves of measures peak, stored as JSON texts in ``/provenance``.
 
-The text has the distance of each peak from the true focus, in travels, by the name of the measure. It is no dataset of
+``optima`` is of the curves in the box around the target, ``optima_inside`` of those in the rectangle inside it. A text
+has the distance of each peak from the true focus, in travels, by the name of the measure. They are no datasets of
 ``/truth``, because ``content_sha256`` covers those: recordings made again from an older recipe keep their digest. A
-file without the text can still be read; the optima of its measures are unknown, but that of ``sd`` at rest, which
-follows from ``/truth/sharpness``.
+file without the texts can still be read; the optima of its measures are unknown, but that of ``sd`` at rest, which
+follows from ``/truth/sharpness`` and ``/truth/sharpness_inside``.
 """
 
 import json
@@ -14,7 +15,8 @@ import numpy as np
 
 from saf_gen.core.config.json_document import load_plain_json
 
-PROVENANCE_KEY = "optima"
+PROVENANCE_KEYS = {"target": "optima", "inside": "optima_inside"}
+"""Names of the texts, by the region of the curves."""
 DIGITS = 6
 MAX_STEP_DOF = 0.75
 """Largest step of a curve, in depths of focus, with which its peak is known: a parabola through three values of a
@@ -93,10 +95,10 @@ def optima_to_text(optima: Mapping[str, float]) -> str:
     return json.dumps({name: float(f"{apart:.{DIGITS}g}") for name, apart in optima.items()})
 
 
-def optima_of_stream(provenance: Mapping[str, str]) -> dict[str, float]:
-    """Return the distances that the provenance of a stream states; empty if it states none or cannot be read."""
+def optima_of_stream(provenance: Mapping[str, str], region: str = "target") -> dict[str, float]:
+    """Return the distances that the provenance of a stream states of a region; empty if none can be read."""
     try:
-        found = load_plain_json(provenance[PROVENANCE_KEY])
+        found = load_plain_json(provenance[PROVENANCE_KEYS[region]])
         optima = {str(name): float(apart) for name, apart in found.items()}
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError):
         return {}

@@ -448,7 +448,7 @@ def test_without_gymnasium_one_line_says_what_to_install():
         ({"sequences": []}, {}, "sequences are [] | at least one id"),
         ({"sequences": PLANE}, {}, f"sequences are {PLANE!r} | a list"),
         ({"split": "train"}, {}, "split 'train' | test"),
-        ({"region": "whole"}, {}, "region 'whole' | half, shifted, target"),
+        ({"region": "whole"}, {}, "region 'whole' | half, inside, shifted, target"),
         ({"control_s": 0.0}, {}, "0 s | above 0"),
         ({"pixels": 2.5}, {}, "pixels is 2.5 | whole number, 1 to 1024"),
         ({"threads": 0}, {}, "threads is 0 | 1 or more"),

@@ -115,6 +115,30 @@ def test_the_sharpness_lost_at_an_answer_is_that_of_the_curve_without_noise(trut
     assert found == (None if lost is None else pytest.approx(lost))
 
 
+INSIDE = replace(NEAR, sharpness=curve(0.4), sharpness_inside=curve(0.52))
+
+
+@pytest.mark.parametrize(("region", "peak"), [("target", 0.4), ("inside", 0.52), ("half", None)])
+def test_a_method_that_looks_inside_the_target_has_the_optimum_and_the_sharpness_of_that_place(region, peak):
+    """A box that a camera may choose instead has no optimum, and loses the sharpness of the box around the target."""
+    found = run_to(0.52, INSIDE, region=region).judgement
+    assert found.optimum == (None if peak is None else pytest.approx(peak, abs=0.05 / 32))
+    lost = 0.0 if region == "inside" else 1 - np.exp(-((0.12 / 0.1) ** 2))
+    assert found.sharpness_lost == pytest.approx(lost, abs=0.02)
+
+
+def test_optima_that_a_recording_states_are_those_of_the_region():
+    stated = {"target": {"brenner": 0.03}, "inside": {"brenner": -0.01}}
+    capture = SimpleNamespace(truth=NEAR, sensor=SimpleNamespace(readout_hz=20_000.0), optima=stated)
+    sequence = ClosedLoopSequence(None, capture, (slice(0, 1), slice(0, 1)), "", None, "d")
+    run = Run(Answer(position=0.5), "", np.full(9, 0.5), 9, windows=3, seconds=0.1, commands=(0.5,))
+    found = {
+        region: sequence.make_record(run, who=Who("brenner+argmax", "c", region), what=BLANK.what).judgement.optimum
+        for region in ("target", "inside", "half")
+    }
+    assert found == {"target": pytest.approx(0.53), "inside": pytest.approx(0.49), "half": None}
+
+
 def test_an_abstention_has_an_optimum():
     assert optimum(replace(NEAR, sharpness=curve(0.4)), position=None) == pytest.approx(0.4, abs=1e-3)
 
@@ -173,7 +197,7 @@ def test_in_a_moving_scene_the_least_blur_moves_with_the_truth(answered):
 
 def run_to(position, truth, *, region="target", method="sd+golden_section", optima=None):
     """The record of a method that moved the lens to ``position`` in the closed loop, None for an abstention."""
-    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0), optima=optima or {})
+    capture = SimpleNamespace(truth=truth, sensor=SimpleNamespace(readout_hz=20_000.0), optima={region: optima or {}})
     sequence = ClosedLoopSequence(None, capture, (slice(0, 1), slice(0, 1)), region, None, "d")
     path = np.linspace(0, position or 0, 100)
     run = Run(Answer(position=position), "", path, 100, windows=3, seconds=0.1, commands=(0.0, position or 0.0))

@@ -435,7 +435,7 @@ WRONG = {
     "window too long": ("score STREAM --measure sd --window 401", "401 | 400"),
     "score's region": (
         "score STREAM --measure sd --window 9 --region fram",
-        "'fram' | frame, half, shifted, target | did you mean 'frame'?",
+        "'fram' | frame, half, inside, shifted, target | did you mean 'frame'?",
     ),
     "measure of a method": ("evaluate DATASET --method sdc+argmax", "'sdc' | sd_code | saf-gen methods list"),
     "value of a method's option": ("evaluate DATASET --method sd+sgfs_code:dt=x", "dt is 'x' | whole number"),

@@ -283,4 +283,4 @@ def test_constants_of_a_file_may_look_elsewhere(dataset, tmp_path):
 def test_constants_are_tuned_for_one_region(dataset):
     error = refusal(tune, dataset, "sd+argmax", values={"search.window": ["100"]}, region="both")
     assert "'both'" in error.problem
-    assert error.allowed == "centre, double, frame, half, shifted, target"
+    assert error.allowed == "centre, double, frame, half, inside, shifted, target"

@@ -914,6 +914,31 @@ FAULTS = {
             "plugins/test_block_vote.py::test_counting_noise_scores_nothing",
         ),
     ),
+    "inside to the frame's edge": Fault(
+        "The region inside a target reaches the edge of the frame, where blur leaks in from what nobody has seen.",
+        (Change("core.region", "np.pad(mask, MARGIN)", "np.pad(mask, MARGIN, constant_values=True)"),),
+        (
+            "core/test_region_inside.py::test_the_fast_search_finds_what_trying_every_rectangle_finds",
+            "core/test_region_inside.py::test_a_full_rectangle_keeps_all_but_its_margin_also_at_the_edge_of_the_frame",
+        ),
+    ),
+    "inside at one moment": Fault(
+        "The region inside a target that moves is inside it at one moment alone.",
+        (Change("stack.true_focus", "mask = mask & plane_source.load_geometry(j)[1]", "pass"),),
+        (
+            "stack/test_inside_of_movers.py::test_it_is_what_the_moments_near_the_focus_have_in_common",
+            "stack/test_inside_of_movers.py::test_a_target_that_moves_too_far_in_that_time_has_none",
+        ),
+    ),
+    "inside judged by the box": Fault(
+        "Methods that look inside the target are held against the noise-free curve of the box around it.",
+        (Change("benchmark.tracks.record_of_run", 'if who.region == "inside"', 'if who.region == "outside"'),),
+        (
+            "benchmark/test_record_of_run.py::"
+            "test_a_method_that_looks_inside_the_target_has_the_optimum_and_the_sharpness_of_that_place",
+            "benchmark/test_inside_region.py::test_in_the_closed_loop_a_lens_moves_only_where_the_recording_has_it",
+        ),
+    ),
     "sharpness lost twice": Fault(
         "The sharpness that an answer loses is that of the squared curve.",
         (Change("stream.optima", "1 - here / best", "1 - (here / best) ** 2"),),

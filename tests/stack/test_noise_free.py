@@ -7,7 +7,9 @@ import pytest
 from small_dataset import make_sequence
 
 import saf_gen
+from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.camera import get_sensor
+from saf_gen.core.region import bounding_box
 from saf_gen.generate import record
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
@@ -16,7 +18,7 @@ from saf_gen.stack.noise_free import MEASURES, find_optima, noise_free_sharpness
 from saf_gen.stack.time_resolved import PlaneSource, TimeResolvedStack
 from saf_gen.stack.true_focus import find_true_focus
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.optima import fitted_peak, optima_of_stream, optima_to_text
+from saf_gen.stream.optima import curve_peak, fitted_peak, optima_of_stream, optima_to_text
 
 SIZE, POSITIONS = 64, 129
 DRIVE = ImageDistanceDrive(0.025, 2.0, (0.6, 0.42))
@@ -25,6 +27,7 @@ FOCUS = np.linspace(0, 1, POSITIONS)
 WIDE, NARROW = 16, 16 / 3  # periods in pixels
 APART, WIDTH = 0.04, 0.08  # narrow stripes are sharp at the truth plus APART
 SWEEP = (np.arange(400) + 0.5) / 400
+WHOLE = {"box": (slice(0, SIZE), slice(0, SIZE)), "sharpness": np.zeros(POSITIONS), "position": SWEEP}
 
 
 def bell(p, middle):
@@ -46,8 +49,9 @@ def stack(truth=0.5, *, moment=None, wide=1.0, narrow=1.0, apart=APART):
 def optima_of(source, position=SWEEP):
     truth, _ = find_true_focus(source, position)
     charge = ChargeSource(source, SENSOR)
-    truth = replace(truth, sharpness=noise_free_sharpness(charge, truth, position=position))
-    return find_optima(charge, truth, position=position), truth
+    box = bounding_box(truth.target)
+    (sharpness,) = noise_free_sharpness(charge, [box], position=position)
+    return find_optima(charge, truth, box=box, sharpness=sharpness, position=position), truth
 
 
 def structure(period, apart):
@@ -92,14 +96,14 @@ def test_a_scene_that_blur_does_not_change_has_no_optimum():
     for radiance in (np.repeat(made.radiance[:, 64:65], POSITIONS, axis=1), np.zeros_like(made.radiance)):
         source = PlaneSource.from_stack(replace(made, radiance=radiance))
         truth, _ = find_true_focus(source, SWEEP)
-        assert find_optima(ChargeSource(source, SENSOR), truth, position=SWEEP) == {}
+        assert find_optima(ChargeSource(source, SENSOR), truth, **WHOLE) == {}
 
 
 def test_under_lamps_whose_mix_changes_nothing_is_said():
     source = PlaneSource.from_stack(stack())
     truth, _ = find_true_focus(source, SWEEP)
     truth = replace(truth, track=np.full(400, 0.5, np.float32))
-    assert find_optima(ChargeSource(source, SENSOR), truth, position=SWEEP) == {}
+    assert find_optima(ChargeSource(source, SENSOR), truth, **WHOLE) == {}
 
 
 @pytest.mark.parametrize("motion", [0.0, 0.3])
@@ -153,6 +157,30 @@ def test_optima_are_stored_beside_the_content_which_keeps_its_digest(tmp_path, m
     monkeypatch.setattr(record, "find_optima", lambda *which, **more: {})
     assert written("old.h5") == (with_optima[0], {})
     assert with_optima[1]["brenner"] == pytest.approx(peak_of("brenner"), abs=3e-3)
+
+
+def test_a_recording_states_curves_and_optima_inside_its_target_apart_from_those_of_its_box(tmp_path):
+    """Wide stripes on the target, narrow ones, sharp elsewhere, beside it in the box, which a row of it spans."""
+    left, beside = stack(narrow=0.0), stack(wide=0.0)
+    target = np.zeros((SIZE, SIZE), bool)
+    target[:, :40] = target[0] = True
+    light = np.where(target, left.radiance, beside.radiance)
+    source = PlaneSource.from_stack(replace(left, radiance=light, target=target))
+    recorder = record.Recorder(SENSOR, 400, device_seed=1, provenance={})
+    recorder.record(make_sequence(mean_rate=0.2), source, path=tmp_path / "a.h5", fingerprint="")
+    with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+        truth, provenance = stream.truth, stream.metadata.provenance
+        records = evaluate(tmp_path / "a.h5", methods=["brenner+argmax", "brenner+argmax@inside"]).records
+    assert truth.inside == (3, 61, 3, 37)
+    image = ChargeSource(source, SENSOR).nominal_image(0.0, 0.25)[3:61, 3:37].astype(float)
+    assert truth.sharpness_inside[32] == pytest.approx(image.var() / image.mean() ** 2, rel=1e-6)
+    assert curve_peak(truth.sharpness_inside, dof=WIDTH) == pytest.approx(truth.position, abs=3e-3)
+    assert curve_peak(truth.sharpness, dof=WIDTH) > truth.position + 5e-3
+    of_box, inside = (optima_of_stream(provenance, region) for region in ("target", "inside"))
+    assert inside["brenner"] == pytest.approx(0, abs=3e-3)
+    assert of_box["brenner"] > 0.03
+    stated = {r.who.region: r.judgement.optimum - r.judgement.truth for r in records}
+    assert stated == pytest.approx({"target": of_box["brenner"], "inside": inside["brenner"]})
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"sd": "near"}', '{"sd": null}', '{"sd": 1e999}', "3", '{"sd": [1]}'])

@@ -10,6 +10,7 @@ from small_dataset import make_sequence
 import saf_gen
 from saf_gen.camera import Encoder, get_sensor
 from saf_gen.camera.photons import SpadCamera
+from saf_gen.core.region import bounding_box
 from saf_gen.generate.record import Recorder
 from saf_gen.optics import ImageDistanceDrive
 from saf_gen.stack.charge_source import ChargeSource
@@ -267,14 +268,20 @@ def test_a_target_that_is_never_seen_is_refused(tmp_path):
     assert not (tmp_path / "s.h5").exists()
 
 
+def box_of(truth):
+    return bounding_box(truth.target)
+
+
 def test_sharpness_is_taken_where_the_lens_is_then_and_nowhere_else():
     source = plane_source(stacks())
     charge_source = ChargeSource(source, SENSOR)
-    found = noise_free_sharpness(charge_source, find_true_focus(source, SWEEP)[0], position=SWEEP)
+    found = noise_free_sharpness(charge_source, [box_of(find_true_focus(source, SWEEP)[0])], position=SWEEP)[0]
     assert np.isfinite(found).all()
     half = SWEEP / 2
     source = plane_source(stacks(half))
-    found = noise_free_sharpness(ChargeSource(source, SENSOR), find_true_focus(source, half)[0], position=half)
+    found = noise_free_sharpness(
+        ChargeSource(source, SENSOR), [box_of(find_true_focus(source, half)[0])], position=half
+    )[0]
     assert np.isfinite(found[:5]).all()
     assert np.isnan(found[5:]).all()
 

@@ -49,6 +49,22 @@ def test_spikes_lens_and_light_are_those_of_the_part(tmp_path, first, stop):
         assert part.truth.frame == pytest.approx(PEAK - first) if first <= PEAK < stop else np.isnan(part.truth.frame)
 
 
+@pytest.mark.parametrize(("first", "columns", "kept"), [(100, slice(0, 20), True), (0, slice(0, 19), False)])
+def test_what_is_inside_the_target_stays_only_where_rows_and_columns_do(tmp_path, first, columns, kept):
+    write(tmp_path / "a.h5", inside=(3, 7, 6, 14), sharpness_inside=np.arange(5.0))
+    cut_stream(tmp_path / "a.h5", tmp_path / "b.h5", first=first, region=(slice(0, 12), columns))
+    with open_stream(tmp_path / "b.h5") as part:
+        assert part.truth.inside == ((3, 7, 6, 14) if kept else None)
+        assert (part.truth.sharpness_inside is not None) == kept
+
+
+def test_a_part_of_a_moving_scene_does_not_state_what_was_inside_its_target(tmp_path):
+    write(tmp_path / "a.h5", inside=(3, 7, 6, 14), track=np.linspace(0.3, 0.4, FRAMES, dtype=np.float32))
+    cut_stream(tmp_path / "a.h5", tmp_path / "b.h5", first=8)
+    with open_stream(tmp_path / "b.h5") as part:
+        assert part.truth.inside is None
+
+
 def test_a_part_of_a_part_is_that_part(tmp_path):
     write(tmp_path / "a.h5")
     cut_stream(tmp_path / "a.h5", tmp_path / "b.h5", first=100, stop=700, region=(slice(1, 11), slice(2, 19)))

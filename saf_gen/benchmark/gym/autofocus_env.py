@@ -43,7 +43,8 @@ class AutofocusEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     protocol : ClosedLoopProtocol, optional
         Actuator and budget; by default a voice coil, and the longest time that can be captured.
     region : str, default 'target'
-        Where the policy looks: ``target``, the box around the target, or ``frame``.
+        Where the policy looks: ``target``, the box around the target, ``inside``, a rectangle within the target, or
+        ``frame``.
     control_s : float, default 0.005
         Control period in seconds, rounded up to whole packets of 8 readouts.
     pixels : int, default 64

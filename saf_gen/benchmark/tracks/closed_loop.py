@@ -9,7 +9,7 @@ import numpy as np
 
 from saf_gen.benchmark.judgement import Run, judged_dof
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import Record, What, Who
+from saf_gen.benchmark.records import NO_INSIDE, UNJUDGED, Record, What, Who
 from saf_gen.benchmark.results import LensPath
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
@@ -20,10 +20,10 @@ from saf_gen.benchmark.view.captured import Captured, CapturedReadouts
 from saf_gen.benchmark.view.operations import reference_rate
 from saf_gen.benchmark.view.recording import WindowCounts
 from saf_gen.core.region import Region, region_shape, validate_region
-from saf_gen.parts import commands
+from saf_gen.parts import Answer, commands
 from saf_gen.stack.capture import Capture
 from saf_gen.stack.light import SceneLight
-from saf_gen.stream.measure_input import choose_region
+from saf_gen.stream.measure_input import choose_region, has_region
 from saf_gen.stream.recordings import Recording, open_recording
 
 PATH_POINTS = 400
@@ -85,7 +85,7 @@ class ClosedLoopSequence:
     def make_record(self, run: Run, *, who: Who, what: What) -> Record:
         """Return the record of a run."""
         truth, hz = self.capture.truth, self.capture.sensor.readout_hz
-        optima = self.capture.optima if truth.track is None else {}  # the lens takes its own course
+        optima = self.capture.optima.get(who.region, {}) if truth.track is None else {}  # the lens takes its own course
         return make_record(run, who=who, what=what, truth=truth, end_s=lambda frames: frames / hz, optima=optima)
 
     def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str | Region) -> What:
@@ -135,12 +135,19 @@ def evaluate_closed_loop(
     records : list of Record
         One record per method.
     paths : list of LensPath
-        One lens path per method.
+        One lens path per method; none, and no method runs, if the recording does not have the region.
     """
     records, paths = [], []
     with open_recording(task.path) as stream:
-        sequence = ClosedLoopSequence.from_stream(task, stream, region=region, protocol=protocol)
-        what = sequence.describe(stream, protocol, region=rate_region)
+        is_there, usual = has_region(stream, region), rate_region if has_region(stream, rate_region) else "target"
+        seen = region if is_there else "target"
+        sequence = ClosedLoopSequence.from_stream(task, stream, region=seen, protocol=protocol)
+        what = sequence.describe(stream, protocol, region=usual)
+    if not is_there:
+        what = replace(what, obstacle=what.obstacle if what.obstacle in UNJUDGED else NO_INSIDE)
+        answer = Answer(note=f"the recording has {NO_INSIDE}")
+        run = Run(answer, "", np.zeros(1), frames_seen=0, windows=0, seconds=0.0, commands=(0.0,))
+        return [sequence.make_record(run, who=method.who(region), what=what) for method in methods], []
     if not all(commands(method.search) for method in methods):  # methods that do not command the lens need a sweep
         protocol.check_sweep(sequence.capture)
     rate_here = reference_rate(region_shape(sequence.box))

@@ -5,10 +5,12 @@ If the target is tilted or has relief, the measure therefore peaks elsewhere eve
 be no better. Streams of scenes at rest hold the noise-free SD at every rendered position (``/truth/sharpness``), in the
 box around the target and in constant light. Its peak is the optimum of ``sd`` and of the measures of its kind. For
 other measures, and for ``sd`` along the slices of a moving scene, recordings state it (:mod:`saf_gen.stream.optima`),
-unless they are older. That of a moving scene holds for the course of its lens, and so not for the closed loop.
+unless they are older. That of a moving scene holds for the course of its lens, and so not for the closed loop. Of the
+rectangle inside the target recordings state all this apart; of other boxes, nothing is known.
 
 **Grain.** A focus measure mistakes grain, the noise that the renderer left in the pictures, for texture. For each
 measure whose energy is stored in the recording, its energy in the grain is compared with the range of its focus curve.
+Both are of the box around the target, and stand for the rectangle inside it, too.
 """
 
 import math
@@ -23,7 +25,7 @@ from saf_gen.benchmark.records import MAX_SECONDS_OR_TRAVELS, Record, What, Who
 from saf_gen.plugins.measures import INTERVAL_SUFFIX, NORMALISED_SUFFIX
 from saf_gen.stack.grain import ENERGIES
 from saf_gen.stream.metadata import Truth
-from saf_gen.stream.optima import curve_peak
+from saf_gen.stream.optima import PROVENANCE_KEYS, curve_peak
 from saf_gen.stream.recorded_grain import RecordedGrain
 
 ENERGY_OF_MEASURE: Mapping[str, str] = {
@@ -55,7 +57,7 @@ def make_record(
     end_s : callable
         Returns the seconds from the beginning to the end of a number of frames.
     optima : mapping of str to float
-        Distances of peaks from the truth that the recording states, in travels, by measure.
+        Distances of peaks from the truth that the recording states of the region of ``who``, in travels, by measure.
     grain : RecordedGrain, optional
         Grain along the recording.
 
@@ -64,27 +66,28 @@ def make_record(
     Record
         The record.
     """
-    judgement = judge(run, truth, end_s=end_s, obstacle=what.obstacle)
-    if who.region == "target":  # elsewhere, neither curves nor grain are known
-        optimum = find_optimum(truth, judgement.truth, method=who.method, optima=optima)
+    seen = replace(truth, sharpness=truth.sharpness_inside) if who.region == "inside" else truth
+    judgement = judge(run, seen, end_s=end_s, obstacle=what.obstacle)
+    if who.region in PROVENANCE_KEYS:  # elsewhere, neither curves nor grain are known
+        optimum = find_optimum(seen, judgement.truth, method=who.method, optima=optima)
         of_curve = None if grain is None else _grain_of_curve(grain, truth, method=who.method)
         judgement = replace(judgement, optimum=optimum, grain_of_curve=of_curve)
     return Record(who, what, judgement)
 
 
 def find_optimum(truth: Truth, here: float | None, *, method: str, optima: Mapping[str, float]) -> float | None:
-    """Return the optimum of a method's measure in the box around the target, as a fraction of the travel.
+    """Return the optimum of a method's measure in the region where the sharpness is, as a fraction of the travel.
 
     Parameters
     ----------
     truth : Truth
-        Truth of the recording.
+        Truth of the recording, with the sharpness in the region.
     here : float or None
         True focus at the answer.
     method : str
         Name of the method.
     optima : mapping of str to float
-        Distances of peaks from the truth that the recording states, in travels, by measure.
+        Distances of peaks from the truth that the recording states of the region, in travels, by measure.
 
     Returns
     -------
@@ -109,7 +112,7 @@ def energy_of_method(method: str) -> str | None:
 
 
 def _grain_of_curve(grain: RecordedGrain, truth: Truth, *, method: str) -> float | None:
-    """Return the grain divided by the range of the focus curve, None if unknown.
+    """Return the grain divided by the range of the focus curve, in the box around the target; None if unknown.
 
     The curve is the noise-free sharpness in the file for ``contrast``, and the signal along the recording for the other
     energies.

@@ -8,7 +8,7 @@ import numpy as np
 from saf_gen.benchmark.admission import run_method
 from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
-from saf_gen.benchmark.records import Record, Who
+from saf_gen.benchmark.records import NO_INSIDE, Obstacle, Record, Who
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
@@ -21,7 +21,7 @@ from saf_gen.core.cores import describe_machine
 from saf_gen.errors import BadInput
 from saf_gen.parts import Answer, commands
 from saf_gen.plugins.searches import REJECT
-from saf_gen.stream.measure_input import choose_region
+from saf_gen.stream.measure_input import choose_region, has_region
 from saf_gen.stream.optima import optima_of_stream
 from saf_gen.stream.recorded_grain import grain_of_stream
 from saf_gen.stream.recordings import Recording, open_recording
@@ -51,7 +51,8 @@ def evaluate_recorded(
 ) -> tuple[list[Record], SweepSummary]:
     """Return the records of a sequence, and its data for charts.
 
-    A method that raises an exception or gives an invalid answer gets a record, too.
+    A method that raises an exception or gives an invalid answer gets a record, too, and so does one whose region the
+    recording does not have: it does not run.
 
     Parameters
     ----------
@@ -86,27 +87,31 @@ def evaluate_recorded(
     curves: dict[str, FocusCurve] = {}
     with open_recording(task.path) as stream:
         check_stream(task, stream)
-        box, region_name = choose_region(stream, region)
+        is_there = has_region(stream, region)
+        box, region_name = choose_region(stream, region if is_there else "target")
         counts = WindowCounts(stream, box)
         rate = common_rate = measure_rate(counts)
         common_counts = counts
         if rate_region != region:
-            common_counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
+            usual = rate_region if has_region(stream, rate_region) else "target"
+            common_counts = WindowCounts(stream, choose_region(stream, usual)[0])
             common_rate = measure_rate(common_counts)
-        blank = find_blank(common_counts, common_rate)
+        blank: Obstacle | None = find_blank(common_counts, common_rate)
+        if not is_there:
+            region_name, blank = region, blank or NO_INSIDE
         what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded")
         known: dict[str, Any] = {
             "truth": stream.truth,
             "end_s": lambda frames: (stream.metadata.readout_of(frames - 1) + 1) / stream.readout_hz,
-            "optima": optima_of_stream(stream.metadata.provenance),
+            "optima": optima_of_stream(stream.metadata.provenance, region_name),
             "grain": grain_of_stream(stream.metadata.provenance),
         }
         rate_here = reference_rate(counts.shape)
         for done, method in enumerate(methods, start=1):
             view = RecordingView(counts, None if method.guest else method.measure)
-            run = run_recorded(method, view, stream=stream, rate=rate_here)
+            run = run_recorded(method, view, stream=stream, rate=rate_here) if is_there else _no_run(stream)
             records.append(make_record(run, who=method.who(region_name), what=what, **known))
-            blocks_alone = method.search_name == "argmax" and REJECT not in method.search_options
+            blocks_alone = is_there and method.search_name == "argmax" and REJECT not in method.search_options
             if blocks_alone and method.measure_name not in curves and not run.problem:
                 curves[method.measure_name] = _make_curve(view, method.measure_name, answer=run.answer)
             step(done, method.name)
@@ -164,6 +169,11 @@ def run_of_prediction(prediction: Prediction, stream: Recording) -> Run:
         windows=0,
         seconds=prediction.seconds,
     )
+
+
+def _no_run(stream: Recording) -> Run:
+    note = f"the recording has {NO_INSIDE}"
+    return Run(Answer(note=note), "", _path_of(stream), frames_seen=0, windows=0, seconds=0.0)
 
 
 def _path_of(stream: Recording) -> np.ndarray:

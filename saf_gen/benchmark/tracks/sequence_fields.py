@@ -65,7 +65,7 @@ def describe_sequence(
     stream: Recording,
     *,
     rate: tuple[np.ndarray, np.ndarray],
-    blank: Blank | None,
+    blank: Obstacle | None,
     track: Track,
     frames: int | None = None,
     data: str = "",
@@ -82,7 +82,7 @@ def describe_sequence(
     rate : tuple of ndarray
         Result of measure_rate.
     blank : str or None
-        Result of find_blank.
+        Result of find_blank, or another obstacle that comes before those of the lens.
     track : str
         ``recorded`` or ``closed_loop``.
     frames : int, optional
@@ -106,7 +106,7 @@ def describe_sequence(
         location, off_dof = judge_crossing(truth, stream.metadata.lens_position)
     else:
         location, off_dof = judge_location(truth)
-    obstacle: Obstacle | None = blank
+    obstacle = blank
     path = stream.metadata.lens_position if track == "recorded" else np.array([0.0, 1.0])  # where the lens can be
     if blank is None and path is not None and path.size and np.isfinite(path).all():
         if np.ptp(path) <= REST_DOF * (judged_dof(truth.depth_of_focus) or 0.0):

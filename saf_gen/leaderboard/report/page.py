@@ -38,7 +38,11 @@ MAX_ANSWERS = 100
 """Largest number of rows in the table of single answers, with and without the script."""
 MAX_HELD = 5000
 """Number of answers above which the page holds only a selection for its script, so that its size stays limited."""
-LOOKING = {"target": "looking at the target", "frame": "looking at the whole frame"}
+LOOKING = {
+    "target": "looking at the target",
+    "inside": "looking inside the target",
+    "frame": "looking at the whole frame",
+}
 """What the first line of a page says of the regions where methods look."""
 MAX_OPENING = 3
 """Largest number of recordings whose curves open a page on which nothing is ranked."""
