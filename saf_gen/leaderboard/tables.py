@@ -387,7 +387,8 @@ _COST = (
 def by_bin(results: AxisResults) -> Table:
     """Return answerable success within 1 DoF and, in brackets, the median error of each method in each bin of an axis.
 
-    In a bin whose sequences have no answer, it is the number of false answers.
+    In a bin whose sequences have no answer, it is the number of false answers. Where a bin has too few scenes, no
+    method has a number.
     """
     methods = list(results.bins[0].results)
     title = f"{results.axis.title}: answerable success within 1 DoF, median error in DoF"
@@ -397,6 +398,8 @@ def by_bin(results: AxisResults) -> Table:
 def _bin(one: Bin) -> Column:
     def cell(method: str) -> str:
         found = one.results[method]
+        if one.too_few:
+            return "not ranked"
         if found.answerable_1dof is None:
             return f"{found.false_answers} of {one.without} false" if one.without else UNKNOWN
         error = "" if found.median_error_dof is None else f" ({found.median_error_dof:.2f})"
@@ -404,6 +407,7 @@ def _bin(one: Bin) -> Column:
 
     size = f"{plural(one.scenes, 'scene')}, {plural(one.sequences, 'sequence')}"
     size += f", {one.without} without an answer" if one.without else ""
+    size += f"; {one.too_few}" if one.too_few else ""
     return _number(one.name, lambda m: one.results[m].answerable_1dof, meaning=size, cell=cell, fraction=True)
 
 

@@ -11,6 +11,7 @@ from saf_gen.benchmark.judgement import Run, judged_dof
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record, What, Who
 from saf_gen.benchmark.results import LensPath
+from saf_gen.benchmark.strata import stratum_of
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.record_of_run import make_record
@@ -88,9 +89,10 @@ class ClosedLoopSequence:
         optima = self.capture.optima if truth.track is None else {}  # the lens takes its own course
         return make_record(run, who=who, what=what, truth=truth, end_s=lambda frames: frames / hz, optima=optima)
 
-    def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str | Region) -> What:
-        """Return what the records of this sequence have in common; ``region`` is that of the mean counts."""
-        counts = WindowCounts(stream, choose_region(stream, region)[0] if isinstance(region, str) else region)
+    def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str) -> What:
+        """Return what the records of this sequence have in common; ``region`` is that of mean counts and stratum."""
+        box, name = choose_region(stream, region)
+        counts = WindowCounts(stream, box)
         rate = measure_rate(counts)
         return describe_sequence(
             self.task,
@@ -101,6 +103,7 @@ class ClosedLoopSequence:
             frames=protocol.count_frames(self.capture)[0],
             data=self.data,
             terms=protocol.describe(self.capture),
+            stratum=stratum_of(name, box, stream.truth),
         )
 
 
@@ -124,7 +127,7 @@ def evaluate_closed_loop(
     region : str
         Region where the methods look.
     rate_region : str
-        Region of the mean counts that are stored in the records as ``mean_rate``.
+        Region of the evaluation, which decides on the mean counts and the stratum in the records.
     protocol : ClosedLoopProtocol
         Protocol of the closed loop.
     step : callable

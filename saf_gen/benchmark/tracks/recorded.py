@@ -10,6 +10,7 @@ from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record, Who
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.benchmark.strata import stratum_of
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.record_of_run import make_record
@@ -62,7 +63,7 @@ def evaluate_recorded(
     region : str
         Region where the methods look.
     rate_region : str
-        Region of the mean counts that are stored in the records as ``mean_rate``.
+        Region of the evaluation, which decides on the mean counts and the stratum in the records.
     step : callable
         Called with (methods done, name of the last method).
     predictions : PredictionSet, optional
@@ -89,12 +90,14 @@ def evaluate_recorded(
         box, region_name = choose_region(stream, region)
         counts = WindowCounts(stream, box)
         rate = common_rate = measure_rate(counts)
-        common_counts = counts
+        common_counts, common_box, common_name = counts, box, region_name
         if rate_region != region:
-            common_counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
+            common_box, common_name = choose_region(stream, rate_region)
+            common_counts = WindowCounts(stream, common_box)
             common_rate = measure_rate(common_counts)
         blank = find_blank(common_counts, common_rate)
-        what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded")
+        stratum = stratum_of(common_name, common_box, stream.truth)
+        what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded", stratum=stratum)
         known: dict[str, Any] = {
             "truth": stream.truth,
             "end_s": lambda frames: (stream.metadata.readout_of(frames - 1) + 1) / stream.readout_hz,
