@@ -18,7 +18,7 @@ MIN_SHARES = (0.8, 0.6)
 """Smallest shares of the target in its box, of the first two strata of the box."""
 
 
-def stratum_of(region: str, box: Region | None, truth: Truth) -> Stratum | None:
+def stratum_of(region: str, box: Region | None, *, truth: Truth) -> Stratum | None:
     """Return the stratum of a recording in the region where methods are judged.
 
     Inside the target, it is ``one depth`` if at least 95 % of the pixels are brought into focus by a position within

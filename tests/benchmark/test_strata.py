@@ -30,26 +30,26 @@ def filled(share):
     ("best", "stratum"), [(0.5, "one depth"), (0.5099, "one depth"), (0.5101, "relief"), (np.nan, "relief")]
 )
 def test_a_plane_is_one_depth_within_half_a_depth_of_focus(best, stratum):
-    assert stratum_of("inside", WHOLE, seen(best)) == stratum
+    assert stratum_of("inside", WHOLE, truth=seen(best)) == stratum
 
 
 @pytest.mark.parametrize(("columns", "stratum"), [(100, "one depth"), (96, "one depth"), (94, "relief"), (2, "relief")])
 def test_of_a_tilted_plane_as_many_columns_count_as_are_within_half_a_depth_of_focus(columns, stratum):
     step = 0.001
     tilted = 0.5 + step * (np.arange(100) - 49.5)  # one step from column to column, the middle at the truth
-    assert stratum_of("inside", WHOLE, seen(tilted, dof=columns * step)) == stratum
+    assert stratum_of("inside", WHOLE, truth=seen(tilted, dof=columns * step)) == stratum
 
 
 @pytest.mark.parametrize(("rows", "stratum"), [(0, "one depth"), (2, "one depth"), (3, "relief"), (20, "relief")])
 def test_of_two_planes_the_one_at_the_truth_must_have_95_percent(rows, stratum):
     best = np.where(np.arange(40) < rows, 0.3, 0.5)[:, None]
-    assert stratum_of("inside", WHOLE, seen(best)) == stratum
+    assert stratum_of("inside", WHOLE, truth=seen(best)) == stratum
 
 
 def test_only_the_region_counts_not_what_lies_beside_it():
     best = np.where(np.arange(100) < 50, 0.3, 0.5)
-    assert stratum_of("inside", (slice(5, 30), slice(50, 100)), seen(best)) == "one depth"
-    assert stratum_of("inside", (slice(5, 30), slice(45, 100)), seen(best)) == "relief"
+    assert stratum_of("inside", (slice(5, 30), slice(50, 100)), truth=seen(best)) == "one depth"
+    assert stratum_of("inside", (slice(5, 30), slice(45, 100)), truth=seen(best)) == "relief"
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_only_the_region_counts_not_what_lies_beside_it():
     [(1.0, "80 % and more"), (0.8, "80 % and more"), (0.79, "60 to 80 %"), (0.6, "60 to 80 %"), (0.59, "below 60 %")],
 )
 def test_the_box_of_the_target_is_sorted_by_how_much_of_it_the_target_fills(share, stratum):
-    assert stratum_of("target", WHOLE, filled(share)) == stratum
+    assert stratum_of("target", WHOLE, truth=filled(share)) == stratum
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_the_box_of_the_target_is_sorted_by_how_much_of_it_the_target_fills(shar
     ],
 )
 def test_where_the_geometry_is_unknown_there_is_no_stratum(region, box, truth):
-    assert stratum_of(region, box, truth) is None
+    assert stratum_of(region, box, truth=truth) is None
 
 
 def test_records_state_the_stratum_of_the_evaluation_wherever_a_method_looks(tmp_path):

@@ -103,7 +103,7 @@ class ClosedLoopSequence:
             frames=protocol.count_frames(self.capture)[0],
             data=self.data,
             terms=protocol.describe(self.capture),
-            stratum=stratum_of(name, box, stream.truth),
+            stratum=stratum_of(name, box, truth=stream.truth),
         )
 
 

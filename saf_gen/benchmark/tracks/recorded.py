@@ -96,7 +96,7 @@ def evaluate_recorded(
             common_counts = WindowCounts(stream, common_box)
             common_rate = measure_rate(common_counts)
         blank = find_blank(common_counts, common_rate)
-        stratum = stratum_of(common_name, common_box, stream.truth)
+        stratum = stratum_of(common_name, common_box, truth=stream.truth)
         what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded", stratum=stratum)
         known: dict[str, Any] = {
             "truth": stream.truth,
