@@ -16,6 +16,7 @@ from saf_gen.leaderboard.agreement import NEAR, Agreement
 from saf_gen.leaderboard.ranking import (
     FALSE_ABSTENTION_COST,
     LEAST_TIMED_S,
+    MAX_SHARPNESS_LOST,
     LeaderboardRow,
     NeighbourComparison,
     Profile,
@@ -308,6 +309,23 @@ _ERROR = (
         "p90_sharpness_lost",
         percent,
         "Sharpness lost at the answer: nine of ten answers lose no more.",
+        optional=True,
+    ),
+    _error(
+        "lost ≤5 %",
+        "answerable_lost_5",
+        percent,
+        f"Answers that lose at most {MAX_SHARPNESS_LOST:.0%} of the sharpness, over the sequences that have an answer "
+        "and state their sharpness; another unit of success, which does not rank.",
+        optional=True,
+        fraction=True,
+    ),
+    _error(
+        "err own, DoF",
+        "median_error_optimum_dof",
+        ".2f",
+        "Median |answer − optimum| in depths of focus, with the optimum the peak of the measure's own curve without "
+        "noise: what of an error is not the measure's.",
         optional=True,
     ),
 )
