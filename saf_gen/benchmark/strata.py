@@ -10,12 +10,19 @@ import numpy as np
 from saf_gen.benchmark.judgement import judged_dof
 from saf_gen.benchmark.records import STRATA, Stratum
 from saf_gen.core.region import Region
-from saf_gen.stream.metadata import Truth
+from saf_gen.stream.measure_input import choose_region
+from saf_gen.stream.metadata import ReadableStream, Truth
 
 MIN_AT_DEPTH = 0.95
 """Share of the pixels of a region inside the target that makes it one depth."""
 MIN_SHARES = (0.8, 0.6)
 """Smallest shares of the target in its box, of the first two strata of the box."""
+
+
+def stratum_in(stream: ReadableStream, region: str) -> Stratum | None:
+    """Return the stratum of a recording in one of the regions by name; see stratum_of."""
+    box, name = choose_region(stream, region)
+    return stratum_of(name, box, truth=stream.truth)
 
 
 def stratum_of(region: str, box: Region | None, *, truth: Truth) -> Stratum | None:

@@ -11,7 +11,7 @@ from saf_gen.benchmark.judgement import Run, judged_dof
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record, What, Who
 from saf_gen.benchmark.results import LensPath
-from saf_gen.benchmark.strata import stratum_of
+from saf_gen.benchmark.strata import stratum_in
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.record_of_run import make_record
@@ -91,8 +91,7 @@ class ClosedLoopSequence:
 
     def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str) -> What:
         """Return what the records of this sequence have in common; ``region`` is that of mean counts and stratum."""
-        box, name = choose_region(stream, region)
-        counts = WindowCounts(stream, box)
+        counts = WindowCounts(stream, choose_region(stream, region)[0])
         rate = measure_rate(counts)
         return describe_sequence(
             self.task,
@@ -103,7 +102,7 @@ class ClosedLoopSequence:
             frames=protocol.count_frames(self.capture)[0],
             data=self.data,
             terms=protocol.describe(self.capture),
-            stratum=stratum_of(name, box, truth=stream.truth),
+            stratum=stratum_in(stream, region),
         )
 
 

@@ -10,7 +10,7 @@ from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import Record, Who
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
-from saf_gen.benchmark.strata import stratum_of
+from saf_gen.benchmark.strata import stratum_in
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.record_of_run import make_record
@@ -90,13 +90,12 @@ def evaluate_recorded(
         box, region_name = choose_region(stream, region)
         counts = WindowCounts(stream, box)
         rate = common_rate = measure_rate(counts)
-        common_counts, common_box, common_name = counts, box, region_name
+        common_counts = counts
         if rate_region != region:
-            common_box, common_name = choose_region(stream, rate_region)
-            common_counts = WindowCounts(stream, common_box)
+            common_counts = WindowCounts(stream, choose_region(stream, rate_region)[0])
             common_rate = measure_rate(common_counts)
         blank = find_blank(common_counts, common_rate)
-        stratum = stratum_of(common_name, common_box, truth=stream.truth)
+        stratum = stratum_in(stream, rate_region)
         what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded", stratum=stratum)
         known: dict[str, Any] = {
             "truth": stream.truth,
