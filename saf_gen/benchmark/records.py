@@ -23,7 +23,7 @@ from saf_gen.errors import BadInput, closest
 RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
 """Folder, in the folder of an evaluation, that holds a complete new evaluation until its files have been moved."""
-RECORD_FORMAT = "saf-gen record 9"
+RECORD_FORMAT = "saf-gen record 10"
 HINT = "run saf-gen evaluate again"
 FAIR_FAILURES = ("BadInput", "the budget of ", "answered frame ", "frames_seen is ")
 """Beginnings of the notes of failures that are results: an input that a method refuses, a budget that it spends, and an
@@ -46,6 +46,10 @@ UNJUDGED = (*get_args(Blank), NO_INSIDE)
 """Obstacles at which no answer counts, and no success is known."""
 Obstacle = Literal["no spikes", "all spikes", "no inside region", "lens at rest", "focus not reached"]
 """What keeps every method from the focus of a sequence."""
+Stratum = Literal["one depth", "relief", "80 % and more", "60 to 80 %", "below 60 %"]
+"""The geometry of the region where methods are judged: inside the target, whether it is one depth; in the target's box,
+the share of its pixels that belong to the target."""
+STRATA = get_args(Stratum)
 Status = Literal["answered", "abstained", "failed"]
 Track = Literal["recorded", "closed_loop"]
 SUCCESS_LIMITS_DOF = (0.5, 1.0, 2.0)
@@ -147,6 +151,11 @@ class What:
     grain_rms: Travel | None = None
     """Noise that the renderer left in the recorded pictures at best focus: rms divided by mean, in the box around the
     target."""
+    stratum: Stratum | None = None
+    """Geometry of the region of the evaluation. Inside the target: ``one depth`` if at least 95 % of its pixels come
+    into focus within half a depth of focus of the truth, else ``relief``. In the target's box, the share of its pixels
+    that belong to the target: ``80 % and more``, ``60 to 80 %`` or ``below 60 %``. None for other regions, or if the
+    recording states no geometry."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ _SEQUENCE_KEYS = {
     "focus_off_dof": "distance to the focus",
     "mean_rate": "photon budget",
     "sensor": "sensor",
+    "stratum": "stratum",
 }
 """Keys of a record that describe its sequence, with their names in messages. Tables weight and sort by these keys."""
 

@@ -13,9 +13,9 @@ each holds alone. The test that tells neighbours apart covers all pairs of neigh
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, isfinite
 from operator import attrgetter
 from statistics import median
 from typing import Any, TypeVar
@@ -41,6 +41,8 @@ T = TypeVar("T")
 RecordValue = Callable[[Record], float | None]
 RULE = "answerable_1dof"
 """The name of the rule by which methods are ranked: that of its column in files."""
+MAX_SHARPNESS_LOST = 0.05
+"""Largest loss of sharpness at an answer that counts as a success by sharpness."""
 FALSE_ABSTENTION_COST = 0.5
 """Cost of no answer where there is one; that of a wrong answer and of a failure is 1."""
 
@@ -54,6 +56,28 @@ def right_within(limit_dof: float = 1.0) -> RecordValue:
         return float(record.judgement.status == "answered" and record.success(limit_dof) is True)
 
     return value
+
+
+def sharp_within(stated: Collection[str]) -> RecordValue:
+    """Return a function of a record: whether it lost at most MAX_SHARPNESS_LOST, None if there is no answer to give.
+
+    It is also None outside of the sequences in ``stated``, which state the sharpness at any position: otherwise an
+    abstention would be wrong where nobody can be right.
+    """
+
+    def value(record: Record) -> float | None:
+        if not record.answerable or record.what.sequence not in stated:
+            return None
+        lost = record.judgement.sharpness_lost  # None without an answer
+        return float(lost is not None and lost <= MAX_SHARPNESS_LOST)
+
+    return value
+
+
+def error_from_optimum(record: Record) -> float | None:
+    """Return answer minus optimum of the method's own measure, in depths of focus; None if one of them is unknown."""
+    answer, optimum, dof = record.judgement.position, record.judgement.optimum, record.judgement.depth_of_focus
+    return None if answer is None or optimum is None or not isfinite(optimum) or not dof else (answer - optimum) / dof
 
 
 def error_cost(record: Record) -> float | None:
@@ -258,6 +282,11 @@ class LeaderboardRow:
     median_blur_px: float | None
     median_sharpness_lost: float | None
     p90_sharpness_lost: float | None
+    answerable_lost_5: float | None
+    """Fraction of answers that lose at most 5 % of the sharpness, over the sequences that have an answer and state it.
+    """
+    median_error_optimum_dof: float | None
+    """Median distance of the answers from the optimum of the method's own measure, where it is known."""
     success_by_light: tuple[tuple[str, float | None], ...]
     abstained: int
     failed: int
@@ -340,7 +369,8 @@ def rank_methods(records: Iterable[Record]) -> tuple[LeaderboardRow, ...]:
 def rank(by_method: Mapping[str, Sequence[Record]], outcomes: Outcomes) -> tuple[LeaderboardRow, ...]:
     """Return the leaderboard, best first, of records that merge_records has accepted, and of their outcomes."""
     lights = sorted({r.what.light for group in by_method.values() for r in group if r.what.light is not None})
-    rows = [_average(method, group, lights=lights) for method, group in by_method.items()]
+    stated = _sequences_of_known_sharpness([record for group in by_method.values() for record in group])
+    rows = [_average(method, group, lights=lights, stated=stated) for method, group in by_method.items()]
     intervals = method_intervals(by_method, outcomes)
     best = max((row.answerable_1dof for row in rows if row.answerable_1dof is not None), default=0.0)
     ranked = [_add_intervals(_rank(row, rows), intervals.get(row.method), best=best) for row in rows]
@@ -395,8 +425,13 @@ def _holds(interval: tuple[float, float] | None, value: float | None) -> bool:
     return low - TIE_TOLERANCE <= value <= high + TIE_TOLERANCE
 
 
-def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -> LeaderboardRow:
-    """Return the row of a method without rank and intervals, with its success under each of the ``lights``."""
+def _average(
+    method: str, records: Sequence[Record], *, lights: Sequence[str], stated: Collection[str]
+) -> LeaderboardRow:
+    """Return the row of a method without rank and intervals, with its success under each of the ``lights``.
+
+    ``stated`` are the sequences that state their sharpness.
+    """
     records = [r for r in records if r.what.obstacle != NO_INSIDE]  # there it did not run, at no cost
     judged = [r for r in records if r.answerable is not False]
     known = [r for r in records if r.answerable is not None]
@@ -422,6 +457,8 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         median_blur_px=median_magnitude(r.judgement.blur_px for r in judged),
         median_sharpness_lost=median_magnitude(lost),
         p90_sharpness_lost=float(np.quantile(lost, 0.9)) if lost else None,
+        answerable_lost_5=mean_over_scenes(records, sharp_within(stated)),
+        median_error_optimum_dof=median_magnitude(map(error_from_optimum, judged)),
         success_by_light=tuple(
             (light, mean_over_scenes([r for r in records if r.what.light == light], right_within())) for light in lights
         ),
@@ -442,6 +479,20 @@ def _average(method: str, records: Sequence[Record], *, lights: Sequence[str]) -
         if any(r.success_least_blur is not None for r in records)
         else None,
     )
+
+
+def _sequences_of_known_sharpness(records: Sequence[Record]) -> set[str]:
+    """Return the sequences on which no answer lacks its loss of sharpness, if any answer has one.
+
+    Those without the region where a method looks state none there.
+    """
+    records = [r for r in records if r.what.obstacle != NO_INSIDE]
+    if all(r.judgement.sharpness_lost is None for r in records):
+        return set()
+    lacking = {
+        r.what.sequence for r in records if r.judgement.status == "answered" and r.judgement.sharpness_lost is None
+    }
+    return {r.what.sequence for r in records} - lacking
 
 
 def _over_declared(records: Iterable[Record]) -> float | None:

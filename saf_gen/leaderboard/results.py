@@ -13,7 +13,7 @@ from statistics import median
 from typing import Any
 
 from saf_gen.benchmark.method_spec import measure_and_search, split_options, split_region
-from saf_gen.benchmark.records import NO_INSIDE, SUCCESS_LIMITS_DOF, Record
+from saf_gen.benchmark.records import NO_INSIDE, STRATA, SUCCESS_LIMITS_DOF, Record
 from saf_gen.core.config.frozen_benchmarks import read_frozen_digests
 from saf_gen.core.config.registry import is_builtin_name, plugin_class
 from saf_gen.core.plain_text import plural
@@ -25,6 +25,8 @@ from saf_gen.leaderboard.ranking import LeaderboardRow, group_by, mean_over_scen
 
 MAX_SHOWN_BINS = 40
 """Largest number of bins of an axis, such as scenes, in tables for readers."""
+MIN_MEMBERS = 30
+"""Smallest number of scenes in a stratum whose methods are ranked."""
 BLOCK_READOUTS = 100
 """Number of readouts over which the photon budget is counted: the default window of argmax."""
 
@@ -39,6 +41,8 @@ class Axis:
     bin_of: Callable[[Record], str | None]
     order: tuple[str, ...] = ()
     """Names of the bins in order; if empty, bins are sorted by name."""
+    min_scenes: int = 0
+    """Smallest number of scenes of a bin whose methods are ranked; the sequences of smaller bins are only counted."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,17 @@ class BinSummary:
 
 @dataclass(frozen=True)
 class Bin:
-    """A bin: its name, its numbers of scenes, sequences and those without an answer, and the result of each method."""
+    """A bin: its name, its numbers of scenes, sequences and those without an answer, and the result of each method.
+
+    In a bin that has too few scenes to rank methods, ``too_few`` says so, and success and errors are unknown.
+    """
 
     name: str
     scenes: int
     sequences: int
     without: int
     results: Mapping[str, BinSummary]
+    too_few: str = ""
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,10 @@ def by_axis(records: Sequence[Record], methods: Sequence[str]) -> tuple[AxisResu
     """Return the results along each axis for which the bin of at least one sequence is known; methods keep order."""
     found = []
     for axis in AXES:
-        bins = (_summarise(name, members, methods=methods) for name, members in group_by_bin(records, axis).items())
+        bins = (
+            _summarise(name, members, methods=methods, min_scenes=axis.min_scenes)
+            for name, members in group_by_bin(records, axis).items()
+        )
         found.append(AxisResults(axis, tuple(bins)))
     return tuple(one for one in found if one.bins)
 
@@ -105,11 +116,15 @@ def group_by_bin(records: Sequence[Record], axis: Axis) -> dict[str, list[Record
     return {name: members[name] for name in axis.order or sorted(members) if name in members}
 
 
-def _summarise(name: str, members: Sequence[Record], *, methods: Sequence[str]) -> Bin:
+def _summarise(name: str, members: Sequence[Record], *, methods: Sequence[str], min_scenes: int) -> Bin:
     by_method = group_by(members, "who.method")
     results = {method: _average(by_method.get(method, [])) for method in methods}
     without = len({r.what.sequence for r in members if r.answerable is False})
-    return Bin(name, len({r.what.scene for r in members}), len({r.what.sequence for r in members}), without, results)
+    scenes, too_few = len({r.what.scene for r in members}), ""
+    if scenes < min_scenes:
+        results = {m: replace(one, answerable_1dof=None, median_error_dof=None) for m, one in results.items()}
+        too_few = f"fewer than {min_scenes} scenes: counted, not ranked"
+    return Bin(name, scenes, len({r.what.sequence for r in members}), without, results, too_few)
 
 
 def _average(records: Sequence[Record]) -> BinSummary:
@@ -183,6 +198,16 @@ AXES = (
         "Noise of the renderer in the pictures: rms divided by the mean, in the box around the target, at best focus.",
         _bin_between((0.01, 0.02, 0.04), _GRAINS, value=lambda r: r.what.grain_rms),
         _GRAINS,
+    ),
+    Axis(
+        "stratum",
+        "Stratum",
+        "Geometry of the region of the evaluation. Inside the target: one depth if 95 % of its pixels come into focus "
+        "within ½ DoF of the truth, else relief. In the target's box: how much of it the target fills. "
+        f"A stratum of fewer than {MIN_MEMBERS} scenes is counted, not ranked.",
+        lambda r: r.what.stratum,
+        STRATA,
+        min_scenes=MIN_MEMBERS,
     ),
     Axis(
         "sensor",

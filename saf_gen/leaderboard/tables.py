@@ -16,6 +16,7 @@ from saf_gen.leaderboard.agreement import NEAR, Agreement
 from saf_gen.leaderboard.ranking import (
     FALSE_ABSTENTION_COST,
     LEAST_TIMED_S,
+    MAX_SHARPNESS_LOST,
     LeaderboardRow,
     NeighbourComparison,
     Profile,
@@ -310,6 +311,23 @@ _ERROR = (
         "Sharpness lost at the answer: nine of ten answers lose no more.",
         optional=True,
     ),
+    _error(
+        "lost ≤5 %",
+        "answerable_lost_5",
+        percent,
+        f"Answers that lose at most {MAX_SHARPNESS_LOST:.0%} of the sharpness, over the sequences that have an answer "
+        "and state their sharpness; another unit of success, which does not rank.",
+        optional=True,
+        fraction=True,
+    ),
+    _error(
+        "err own, DoF",
+        "median_error_optimum_dof",
+        ".2f",
+        "Median |answer − optimum| in depths of focus, with the optimum the peak of the measure's own curve without "
+        "noise: what of an error is not the measure's.",
+        optional=True,
+    ),
 )
 _COST = (
     _cost(
@@ -387,7 +405,8 @@ _COST = (
 def by_bin(results: AxisResults) -> Table:
     """Return answerable success within 1 DoF and, in brackets, the median error of each method in each bin of an axis.
 
-    In a bin whose sequences have no answer, it is the number of false answers.
+    In a bin whose sequences have no answer, it is the number of false answers. Where a bin has too few scenes, no
+    method has a number.
     """
     methods = list(results.bins[0].results)
     title = f"{results.axis.title}: answerable success within 1 DoF, median error in DoF"
@@ -397,6 +416,8 @@ def by_bin(results: AxisResults) -> Table:
 def _bin(one: Bin) -> Column:
     def cell(method: str) -> str:
         found = one.results[method]
+        if one.too_few:
+            return "not ranked"
         if found.answerable_1dof is None:
             return f"{found.false_answers} of {one.without} false" if one.without else UNKNOWN
         error = "" if found.median_error_dof is None else f" ({found.median_error_dof:.2f})"
@@ -404,6 +425,7 @@ def _bin(one: Bin) -> Column:
 
     size = f"{plural(one.scenes, 'scene')}, {plural(one.sequences, 'sequence')}"
     size += f", {one.without} without an answer" if one.without else ""
+    size += f"; {one.too_few}" if one.too_few else ""
     return _number(one.name, lambda m: one.results[m].answerable_1dof, meaning=size, cell=cell, fraction=True)
 
 

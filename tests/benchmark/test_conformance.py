@@ -24,7 +24,9 @@ from saf_gen.plugins.searches import search_names
 
 PAGE = Path(__file__).parents[2] / "docs/add-a-method.md"
 WARNINGS = {
+    "anywhere": ["finds a bell"],  # it looks at nothing
     "elp_events": ["finds a bell"],  # as published, it answers a window early, for the lag of its filter
+    "middle": ["finds a bell"],  # it looks at nothing
     "sgfs_printed": ["finds a bell"],  # the algorithm as the paper prints it stops at once
     "sign_change": ["finds a bell"],  # it cannot separate growth from noise if the bell begins in its first blocks
     "valley": ["finds a bell"],  # it looks for the lowest position between two peaks

@@ -89,7 +89,7 @@ def test_what_is_not_finite_becomes_null_and_a_null_in_a_trace_is_nan(read):
 
 
 LINE = record_to_json(FULL)
-ANOTHER = 'not a record of this version | allowed: "format": "saf-gen record 9" | '
+ANOTHER = 'not a record of this version | allowed: "format": "saf-gen record 10" | '
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def digest(values: object) -> str:
 
 def numbers(records: list[Record]) -> list[dict[str, object]]:
     """Return the fields of records that depend only on the evaluator, not on times, code, versions or the file."""
-    left_out = {*"seconds note data code machine limits failed_check parameters rig".split()}
+    left_out = {*"seconds note data code machine limits failed_check parameters rig stratum".split()}
     left_out |= {"format", "grain_rms", "grain_of_curve", "sensor", "benchmark", "operations", "reference_rate"}
     return [{key: x for key, x in record_to_json(record).items() if key not in left_out} for record in records]
 

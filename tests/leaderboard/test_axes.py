@@ -6,7 +6,9 @@ from handmade_evaluations import write_board
 from handmade_records import failed, record
 
 from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.report.page import list_selections
 from saf_gen.leaderboard.results import by_axis
+from saf_gen.leaderboard.tables import by_bin
 
 
 def axis(records, name, methods=("a+s",)):
@@ -91,6 +93,20 @@ def test_every_method_meets_the_same_sequences_in_a_bin_and_no_answer_is_counted
     assert sequences(found) == (1,)
     silent = found.bins[0].results["b+s"]
     assert (silent.false_abstentions, silent.median_error_dof) == (1, None)
+
+
+def test_a_stratum_of_few_scenes_is_counted_and_not_ranked():
+    scenes = {"one depth": 30, "relief": 29}
+    some = [one(f"{s}{n}", scene=f"{s}{n}", stratum=s) for s, count in scenes.items() for n in range(count)]
+    found = axis(some, "stratum")
+    assert [(one.name, one.scenes, one.results["a+s"].answerable_1dof) for one in found.bins] == [
+        ("one depth", 30, 1.0),
+        ("relief", 29, None),
+    ]
+    ranked, counted = by_bin(found).columns[1:]
+    assert (ranked.text("a+s"), counted.text("a+s")) == ("100% (0.00)", "not ranked")
+    assert counted.meaning == "29 scenes, 29 sequences; fewer than 30 scenes: counted, not ranked"
+    assert [s.name for s in list_selections(some) if s.axis == "Stratum"] == ["one depth"]
 
 
 @pytest.mark.parametrize(

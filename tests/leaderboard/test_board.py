@@ -55,7 +55,7 @@ def blur(counts):
     return 1 - np.ptp(counts) / counts.max()
 
 
-def middle(view):
+def half_way(view):
     return saf_gen.parts.Answer(view.frames / 2)
 
 
@@ -63,7 +63,7 @@ def middle(view):
     ("methods", "expected"),
     [
         (["sd+argmax", blur], ["blur+argmax", "sd+argmax"]),
-        ([middle], ["sd+middle"]),
+        ([half_way], ["sd+half_way"]),
         (["baselines", blur], ["blur+argmax", "cen+argmax"]),
     ],
 )

@@ -304,6 +304,26 @@ def test_the_lost_sharpness_has_its_median_and_its_ninetieth_percentile():
     assert "median_sharpness_lost" not in {c.name for c in ranking(rank_methods([record("m+s", "a", 0.2)])).shown}
 
 
+def test_success_by_sharpness_is_over_the_sequences_that_state_it_and_an_abstention_is_no_success():
+    lost = {"a": 0.05, "b": 0.0501, "moves": None}
+    rows = rank_methods(
+        [
+            *(record("m+s", name, 3.0, scene=name, sharpness_lost=x) for name, x in lost.items()),
+            *(record("none+s", name, 0.0, scene=name) for name in ["moves"]),
+            *(failed("none+s", name, "abstained", scene=name) for name in ["a", "b"]),
+        ]
+    )
+    assert {row.method: row.answerable_lost_5 for row in rows} == {"m+s": 0.5, "none+s": 0.0}
+    assert [row.method for row in rows if row.rank == 1] == ["none+s"]  # the other unit ranks
+
+
+def test_the_error_from_the_optimum_is_not_that_from_the_truth():
+    answers = [record("m+s", f"{n}", error, optimum=0.5 / 8) for n, error in enumerate([0.5, 0.75, 2.5])]
+    rows = rank_methods([*answers, record("m+s", "unknown", 9.0)])
+    assert (rows[0].median_error_optimum_dof, rows[0].median_error_dof) == (0.25, 1.625)
+    assert "median_error_optimum_dof" not in {c.name for c in ranking(rank_methods([record("m+s", "a", 0.2)])).shown}
+
+
 def test_a_file_says_by_which_rule_it_ranks(tmp_path, records):
     write_board(tmp_path, records)
     document = json.loads((tmp_path / "leaderboard.json").read_text())

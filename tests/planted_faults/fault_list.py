@@ -887,6 +887,14 @@ FAULTS = {
             "benchmark/test_operations.py::test_the_camera_runs_on_until_what_was_computed_is_done",
         ),
     ),
+    "one depth within a whole one": Fault(
+        "A region counts as one depth within a depth of focus of the truth, not within half of one.",
+        (Change("benchmark.strata", "off <= dof / 2", "off <= dof"),),
+        (
+            "benchmark/test_strata.py::test_a_plane_is_one_depth_within_half_a_depth_of_focus",
+            "benchmark/test_strata.py::test_of_a_tilted_plane_as_many_columns_count_as_are_within_half_a_depth_of_focus",
+        ),
+    ),
     "false answers are free": Fault(
         "Tuning does not count answers where there is none, so that it chooses methods that never abstain.",
         (Change("leaderboard.tuning", "else -float(is_answered)", "else 0.0"),),

@@ -74,7 +74,7 @@ def evaluate_policy(
     for task in inner.tasks:
         sequence = inner.load_sequence(task)
         with open_stream(task.path) as stream:
-            what = sequence.describe(stream, inner.protocol, region=sequence.box)
+            what = sequence.describe(stream, inner.protocol, region=sequence.region)
         run = _run_policy(env, inner, make_policy=make_policy, sequence=task.id)
         who = Who(method, code, sequence.region, inner.parameters, machine=describe_machine())
         records.append(sequence.make_record(run, who=who, what=what))

@@ -11,6 +11,7 @@ from saf_gen.benchmark.judgement import Run, judged_dof
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import NO_INSIDE, UNJUDGED, Record, What, Who
 from saf_gen.benchmark.results import LensPath
+from saf_gen.benchmark.strata import stratum_in
 from saf_gen.benchmark.tracks.closed_loop_run import run_closed_loop
 from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.tracks.record_of_run import make_record
@@ -88,9 +89,12 @@ class ClosedLoopSequence:
         optima = self.capture.optima.get(who.region, {}) if truth.track is None else {}  # the lens takes its own course
         return make_record(run, who=who, what=what, truth=truth, end_s=lambda frames: frames / hz, optima=optima)
 
-    def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str | Region) -> What:
-        """Return what the records of this sequence have in common; ``region`` is that of the mean counts."""
-        counts = WindowCounts(stream, choose_region(stream, region)[0] if isinstance(region, str) else region)
+    def describe(self, stream: Recording, protocol: ClosedLoopProtocol, *, region: str) -> What:
+        """Return what the records of this sequence have in common; ``region`` is that of mean counts and stratum.
+
+        Without a region ``inside``, counts are those of the target, and there is no stratum.
+        """
+        counts = WindowCounts(stream, choose_region(stream, region if has_region(stream, region) else "target")[0])
         rate = measure_rate(counts)
         return describe_sequence(
             self.task,
@@ -101,6 +105,7 @@ class ClosedLoopSequence:
             frames=protocol.count_frames(self.capture)[0],
             data=self.data,
             terms=protocol.describe(self.capture),
+            stratum=stratum_in(stream, region),
         )
 
 
@@ -124,7 +129,7 @@ def evaluate_closed_loop(
     region : str
         Region where the methods look.
     rate_region : str
-        Region of the mean counts that are stored in the records as ``mean_rate``.
+        Region of the evaluation, which decides on the mean counts and the stratum in the records.
     protocol : ClosedLoopProtocol
         Protocol of the closed loop.
     step : callable
@@ -139,10 +144,10 @@ def evaluate_closed_loop(
     """
     records, paths = [], []
     with open_recording(task.path) as stream:
-        is_there, usual = has_region(stream, region), rate_region if has_region(stream, rate_region) else "target"
+        is_there = has_region(stream, region)
         seen = region if is_there else "target"
         sequence = ClosedLoopSequence.from_stream(task, stream, region=seen, protocol=protocol)
-        what = sequence.describe(stream, protocol, region=usual)
+        what = sequence.describe(stream, protocol, region=rate_region)
     if not is_there:
         what = replace(what, obstacle=what.obstacle if what.obstacle in UNJUDGED else NO_INSIDE)
         answer = Answer(note=f"the recording has {NO_INSIDE}")

@@ -10,6 +10,7 @@ from saf_gen.benchmark.judgement import Run
 from saf_gen.benchmark.method_spec import Method
 from saf_gen.benchmark.records import NO_INSIDE, Obstacle, Record, Who
 from saf_gen.benchmark.results import FocusCurve, SweepSummary
+from saf_gen.benchmark.strata import stratum_in
 from saf_gen.benchmark.thumbnails import make_thumbnails
 from saf_gen.benchmark.tracks.predictions import Prediction, PredictionSet
 from saf_gen.benchmark.tracks.record_of_run import make_record
@@ -63,7 +64,7 @@ def evaluate_recorded(
     region : str
         Region where the methods look.
     rate_region : str
-        Region of the mean counts that are stored in the records as ``mean_rate``.
+        Region of the evaluation, which decides on the mean counts and the stratum in the records.
     step : callable
         Called with (methods done, name of the last method).
     predictions : PredictionSet, optional
@@ -99,7 +100,8 @@ def evaluate_recorded(
         blank: Obstacle | None = find_blank(common_counts, common_rate)
         if not is_there:
             region_name, blank = region, blank or NO_INSIDE
-        what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded")
+        stratum = stratum_in(stream, rate_region)
+        what = describe_sequence(task, stream, rate=common_rate, blank=blank, track="recorded", stratum=stratum)
         known: dict[str, Any] = {
             "truth": stream.truth,
             "end_s": lambda frames: (stream.metadata.readout_of(frames - 1) + 1) / stream.readout_hz,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from saf_gen.benchmark.judgement import focus_crossing, judged_dof, light_ratio
-from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Blank, Obstacle, Track, What
+from saf_gen.benchmark.records import SUCCESS_LIMITS_DOF, Blank, Obstacle, Stratum, Track, What
 from saf_gen.benchmark.tracks.record_of_run import limited
 from saf_gen.benchmark.tracks.tasks import SequenceTask
 from saf_gen.benchmark.versions import evaluator_version
@@ -70,6 +70,7 @@ def describe_sequence(
     frames: int | None = None,
     data: str = "",
     terms: str = "",
+    stratum: Stratum | None = None,
 ) -> What:
     """Return what all records of a sequence have in common.
 
@@ -91,6 +92,8 @@ def describe_sequence(
         Digest of what methods see; by default that of the stream.
     terms : str, optional
         Protocol of the closed loop.
+    stratum : str, optional
+        Stratum of the region of the evaluation.
 
     Returns
     -------
@@ -137,6 +140,7 @@ def describe_sequence(
         light_ratio=light_ratio(gain),
         obstacle=obstacle,
         grain_rms=None if grain is None else limited(grain.rms_in_focus),
+        stratum=stratum,
     )
 
 

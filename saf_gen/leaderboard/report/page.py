@@ -387,8 +387,8 @@ def choose_answers(records: Sequence[Record], *, max_answers: int = MAX_HELD) ->
 def list_selections(records: Sequence[Record]) -> list[Selection]:
     """Return one selection for each bin of each axis along which sequences differ.
 
-    If an axis has many bins, only the largest get a selection (see largest_bins). Selections of the same
-    sequences have the same rows.
+    If an axis has many bins, only the largest get a selection (see largest_bins). Bins with too few scenes to rank
+    methods get none. Selections of the same sequences have the same rows.
     """
     ranked: dict[tuple[str, ...], tuple[LeaderboardRow, ...]] = {}
     selections = []
@@ -397,6 +397,8 @@ def list_selections(records: Sequence[Record]) -> list[Selection]:
         members = {name: tuple(dict.fromkeys(r.what.sequence for r in group)) for name, group in bins.items()}
         for name in largest_bins({name: len(group) for name, group in members.items()}) if len(bins) > 1 else ():
             sequences = members[name]
+            if len({r.what.scene for r in bins[name]}) < axis.min_scenes:
+                continue
             if sequences not in ranked:
                 ranked[sequences] = rank_methods(bins[name])
             selections.append(Selection(axis.title, name, sequences, ranked[sequences]))
