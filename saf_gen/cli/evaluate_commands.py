@@ -74,8 +74,8 @@ def evaluate_command(
     region: Annotated[
         str,
         typer.Option(
-            help="Where methods look: target (its bounding box), inside (a rectangle within the target), frame, both, "
-            "shifted, half, double or centre."
+            help="Where methods look: target (its bounding box), inside (it), frame, both, shifted, half, double or "
+            "centre."
         ),
     ] = "target",
     cluster: ClusterAddress = None,
