@@ -11,6 +11,7 @@ from saf_gen.core.plain_text import plural
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.stream.event_file import EventFile
 from saf_gen.stream.frame_file import FrameFile
+from saf_gen.stream.measure_input import inside_of
 from saf_gen.stream.metadata import USUAL, Metadata, ReadableStream, in_words
 from saf_gen.stream.recorded_grain import grain_of_stream
 
@@ -66,6 +67,10 @@ def describe_content(stream: ReadableStream | EventFile | FrameFile, *, with_rat
             facts["target in focus"] = f"{first:.5f} to {last:.5f} of the travel, something of its middle 80 %"
     if truth.target is not None:
         facts["target"] = f"{np.mean(truth.target):.1%} of the pixels"
+        facts["inside it"] = "no rectangle that is large enough"
+        if (inside := inside_of(truth)) is not None:
+            (top, bottom), (left, right) = ((span.start, span.stop - 1) for span in inside)
+            facts["inside it"] = f"rows {top} to {bottom}, columns {left} to {right}"
     facts["grain"] = _describe_grain(stream)
     return facts
 
@@ -147,6 +152,8 @@ def describe_in_numbers(stream: ReadableStream | EventFile | FrameFile) -> dict[
         facts["truth"]["least_blur"] = truth.least_blur
     if truth.target is not None:
         facts["truth"]["target"] = np.mean(truth.target)
+        inside = inside_of(truth)
+        facts["truth"]["inside"] = inside and [end for span in inside for end in (span.start, span.stop)]
     if grain is not None:
         facts["grain"] = {"rms_in_focus": grain.rms_in_focus, "rms_range": grain.rms_range}
     making = {name: _read_json(stream, name) or text for name, text in metadata.provenance.items()}

@@ -7,7 +7,7 @@ import numpy as np
 from saf_gen.core.region import MIN_SIDE, Region, bounding_box, inside_box, place_box
 from saf_gen.errors import BadInput
 from saf_gen.parts import wants_halves, wants_intervals
-from saf_gen.stream.metadata import ReadableStream
+from saf_gen.stream.metadata import ReadableStream, Truth
 
 
 class WindowSource(Protocol):
@@ -44,13 +44,12 @@ def measure_input(source: WindowSource, form: Form, *, first: int, stop: int) ->
     return np.stack([source.window(first, middle), source.window(middle, stop)])
 
 
-def find_inside(stream: ReadableStream) -> Region | None:
+def inside_of(truth: Truth) -> Region | None:
     """Return the largest rectangle inside the target, None if there is none.
 
     If the recording does not state it, it follows from the target mask of a scene at rest: of a target that moves, the
     mask of one moment says too little.
     """
-    truth = stream.truth
     if truth.inside is not None:
         top, bottom, left, right = truth.inside
         return slice(top, bottom), slice(left, right)
@@ -59,7 +58,7 @@ def find_inside(stream: ReadableStream) -> Region | None:
 
 def has_region(stream: ReadableStream, region: str) -> bool:
     """Return whether a recording has one of REGIONS, which all but ``inside`` always are."""
-    return region != "inside" or find_inside(stream) is not None
+    return region != "inside" or inside_of(stream.truth) is not None
 
 
 def choose_region(stream: ReadableStream, region: str) -> tuple[Region | None, str]:
@@ -68,7 +67,7 @@ def choose_region(stream: ReadableStream, region: str) -> tuple[Region | None, s
     Raises BadInput for "inside" if the recording has no such region: another one would not be what it stands for.
     """
     if region == "inside":
-        if (inside := find_inside(stream)) is None:
+        if (inside := inside_of(stream.truth)) is None:
             raise BadInput(
                 "has no region 'inside'",
                 where=str(stream.path),

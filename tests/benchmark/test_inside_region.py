@@ -18,7 +18,7 @@ from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.leaderboard.ranking import rank_methods
 from saf_gen.leaderboard.results import warnings_on
 from saf_gen.optics.actuators import get_actuator
-from saf_gen.stream.measure_input import choose_region, find_inside
+from saf_gen.stream.measure_input import choose_region, inside_of
 from saf_gen.stream.optima import curve_peak
 from saf_gen.stream.stream_file import open_stream
 
@@ -78,7 +78,7 @@ def test_methods_that_look_inside_see_its_pixels_and_no_others(tmp_path):
 )
 def test_where_a_recording_has_it(tmp_path, truth, there):
     with open_stream(write(tmp_path / "a.h5", **truth)) as stream:
-        box = find_inside(stream)
+        box = inside_of(stream.truth)
         assert there == (box and (box[0].start, box[0].stop, box[1].start, box[1].stop))
         if there is None:
             assert_says(refusal(choose_region, stream, "inside"), "no region 'inside' | 24 × 24 | such as target")

@@ -8,7 +8,7 @@ import pytest
 import saf_gen
 from saf_gen.optics.focus_crossings import focus_crossings
 from saf_gen.plugins.motions import lens_positions
-from saf_gen.stream.description import describe_content, describe_provenance
+from saf_gen.stream.description import describe_content, describe_in_numbers, describe_provenance
 from saf_gen.stream.metadata import Truth
 
 
@@ -74,6 +74,19 @@ def test_a_tilted_target_and_a_lens_that_blurs_are_described(tmp_path):
     assert facts["depth of focus"] == "0.45000 to 0.55000 of the travel"
     assert facts["target in focus"] == "0.41000 to 0.60000 of the travel, something of its middle 80 %"
     assert facts["least blur"].endswith("within a resolved width from 0.30000 to 0.52000")
+
+
+def test_the_rectangle_inside_the_target_is_described(tmp_path):
+    target = np.zeros((60, 80), bool)
+    target[5:55, 10:50] = True
+    for mask, words, ends in (
+        (target, "rows 8 to 51, columns 13 to 46", [8, 52, 13, 47]),
+        (target[:, ::-1] & target, "no rectangle that is large enough", None),
+    ):
+        saf_gen.write_stream(tmp_path / "a.h5", np.zeros((80, 60, 80), np.uint8), truth={"target": mask})
+        with saf_gen.open_stream(tmp_path / "a.h5") as stream:
+            assert describe_content(stream)["inside it"] == words
+            assert describe_in_numbers(stream)["truth"]["inside"] == ends
 
 
 @pytest.mark.parametrize(
