@@ -9,7 +9,7 @@ from saf_gen.render.mitsuba_scene import _scene_modules, validate_motions
 from saf_gen.scene.scene_folder import find_scene
 
 PIXELS, PITCH_M, WAVE_M = 128, 20e-6, 555e-9  # for which the scene is drawn
-MAX_SPEED = 60.0  # pixels a second
+MAX_SPEED = 60.0  # pixels a second, and time slices
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_movements_keep_to_sixty_pixels_a_second_and_each_kind_is_drawn(family, 
             for time_s in np.linspace(0, 0.999, 41):
                 moved = in_picture(time_s + 1e-4) - in_picture(time_s)
                 fastest = max(fastest, float(np.hypot(*moved).max()) / 1e-4)
-        assert 0.5 < fastest <= MAX_SPEED
+        assert 0.5 < fastest <= min(1.1 * member.params["speed_px_s"], MAX_SPEED, family.card.slices_per_s)
     assert kinds == {"shift", "turn", "tremble"}
     assert backgrounds == {("target",), ("target", "things", "wall")}
 
