@@ -319,7 +319,7 @@ def _draw_sequence(
 
 def _draw_params(recipe: Recipe, split: str, *, scene: str, family: SceneFamily, member: int) -> dict[str, Any]:
     """Return the parameters of one member of a scene's family, which are the same under every light."""
-    chosen = recipe.scene_params.get(scene, {})
+    chosen = {**recipe.scene_params.get(scene, {}), **recipe.splits[split].scene_params.get(scene, {})}
     for key in chosen:
         if key not in family.params:
             raise unknown(f"parameter of scene {scene!r}:", key, allowed=family.params)

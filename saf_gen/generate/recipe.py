@@ -4,6 +4,7 @@ This module draws no numbers and opens no scenes: :mod:`saf_gen.generate.resolve
 """
 
 import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +18,7 @@ from pydantic import (
 )
 
 from saf_gen.core.config import components
-from saf_gen.core.config.document import FrozenModel, validate_document
+from saf_gen.core.config.document import Document, FrozenModel, validate_document
 from saf_gen.core.config.json_schema import OPEN, PARAMETER, Schema, define_schema, model_schema
 from saf_gen.core.config.ranges import check_parameter, range_extremes
 from saf_gen.core.config.yaml_document import read_yaml
@@ -287,12 +288,16 @@ class SplitSettings(FrozenModel):
     members: int | None = Field(default=None, ge=1, le=10_000)
     """Number of members that are drawn from each scene's family, in place of ``repeats`` and ``variants``. Each counts
     as a scene of its own in results, and has a lens motion of its own."""
+    positions: int | None = Field(default=None, ge=2, le=4096)
+    """``focus.positions`` of this split, such as more of them for longer travels."""
+    scene_params: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Values or ranges of a scene's parameters in this split, which replace those of the recipe and of the card."""
 
     @model_serializer(mode="wrap")
     def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out later keys if they are not given: recipes keep the text and fingerprint from before these keys."""
-        later = ("lights_each", "members")
-        return {key: value for key, value in serialize(self).items() if key not in later or value is not None}
+        later = ("lights_each", "members", "positions", "scene_params")
+        return {key: value for key, value in serialize(self).items() if key not in later or value not in (None, {})}
 
     @property
     def recordings(self) -> int:
@@ -398,14 +403,22 @@ def read_recipe(path: str | Path) -> Recipe:
         if scene not in owners:
             where = document.locate("render", "per_scene", scene)
             raise unknown("scene of render.per_scene", scene, allowed=owners, where=where)
-    for scene, params in recipe.scene_params.items():
-        where = document.locate("scene_params", scene)
-        if scene not in owners:
-            raise unknown("scene of scene_params", scene, allowed=owners, where=where)
-        for key, value in params.items():
-            where = document.locate("scene_params", scene, key)
-            check_parameter(value, what=f"scene_params.{scene}.{key}", where=where)
+    _check_scene_params(recipe.scene_params, document, scenes=owners, keys=("scene_params",))
+    for name, split in recipe.splits.items():
+        _check_scene_params(split.scene_params, document, scenes=split.scenes, keys=("splits", name, "scene_params"))
     return recipe
+
+
+def _check_scene_params(
+    chosen: Mapping[str, Mapping[str, Any]], document: Document, *, scenes: Iterable[str], keys: tuple[str, ...]
+) -> None:
+    """Raise BadInput if ``scene_params`` at these keys name another scene, or state what is no value and no range."""
+    what = ".".join(keys)
+    for scene, params in chosen.items():
+        if scene not in scenes:
+            raise unknown(f"scene of {what}", scene, allowed=scenes, where=document.locate(*keys, scene))
+        for key, value in params.items():
+            check_parameter(value, what=f"{what}.{scene}.{key}", where=document.locate(*keys, scene, key))
 
 
 def _check_name(what: str, name: str, *, where: str) -> None:
@@ -419,7 +432,9 @@ def recipe_schema() -> Schema:
     """Return the JSON Schema (draft 2020-12) of a recipe, with every registered light schedule and lens motion."""
     schema = model_schema(Recipe, "saf_gen recipe")
     schema["properties"]["lights"]["additionalProperties"] = define_lights(schema)
-    schema["properties"]["scene_params"]["additionalProperties"] = {"type": "object", "additionalProperties": PARAMETER}
+    for owner in (schema, schema["$defs"]["SplitSettings"]):
+        params = {"type": "object", "additionalProperties": PARAMETER}
+        owner["properties"]["scene_params"]["additionalProperties"] = params
     exposure, motions = schema["$defs"]["ExposureSettings"]["properties"], define_schema(schema, "motions")
     focus = schema["$defs"]["FocusSettings"]["properties"]
     focus["motion"] = {**motions, "description": focus["motion"]["description"]}

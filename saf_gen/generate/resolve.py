@@ -343,7 +343,7 @@ def _resolve_stacks(
         spec = StackSpec.from_scene(
             scene,
             sensor,
-            positions=recipe.focus.positions,
+            positions=recipe.splits[sequence.split].positions or recipe.focus.positions,
             samples=render.samples,
             max_depth=render.max_depth,
             f_number=recipe.camera.exposure.f_number,
@@ -475,16 +475,16 @@ def _find_coarse_positions(resolved: ResolvedRecipe) -> list[str]:
 
     Of the lenses of a family, that with the fewest counts.
     """
-    widths: dict[str, tuple[float, int]] = {}
+    fewest: dict[str, tuple[float, float, int]] = {}
     for sequence in resolved.sequences:
         spec = sequence.time_stack.specs[0]
         if spec.estimator == PICTURES:
             continue
         low, high = spec.drive.depth_of_focus(0.5, spec.pitch_m, wavelength_m=spec.wavelength_m)
-        widths[spec.scene] = min(widths.get(spec.scene, (math.inf, 0)), (high - low, spec.positions))
+        found = ((high - low) * (spec.positions - 1), high - low, spec.positions)
+        fewest[spec.scene] = min(fewest.get(spec.scene, found), found)
     lines = []
-    for name, (width, positions) in widths.items():
-        count = width * (positions - 1)
+    for name, (count, width, positions) in fewest.items():
         if count < MIN_POSITIONS:
             enough = math.ceil(MIN_POSITIONS / width) + 1
             lines.append(

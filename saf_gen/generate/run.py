@@ -455,6 +455,11 @@ def _describe_actuator(name: str | None) -> str:
     return f", told to the actuator {escape_markdown(name)}: /focus is its log, /truth/lens is where the lens was"
 
 
+def _describe_positions(recipe: Recipe) -> str:
+    own = [f"{split.positions} in {name}" for name, split in recipe.splits.items() if split.positions]
+    return ", ".join([str(recipe.focus.positions), *own])
+
+
 def _describe_samples(render: RenderSettings) -> str:
     own = {name: render.of_scene(name).samples for name in render.per_scene}
     others = ", ".join(f"{name}: {samples}" for name, samples in own.items() if samples != render.samples)
@@ -484,7 +489,7 @@ def write_dataset_card(
         origin=" and ".join(ORIGINS[kind] for kind in kinds),
         positions="| one per picture; their steps, and the rule of the true focus, are in /provenance/photographed"
         if all(given)
-        else f"rendered | {recipe.focus.positions}, {_describe_samples(recipe.render)}",
+        else f"rendered | {_describe_positions(recipe)}, {_describe_samples(recipe.render)}",
         motion=_describe_motion(recipe.focus.motion) + _describe_actuator(recipe.focus.actuator),
         lights=escape_markdown(", ".join(recipe.lights)),
         fingerprint=manifest.recipe_fingerprint,

@@ -51,6 +51,29 @@ def test_splits_may_share_a_family_whose_members_count_and_none_is_in_two(tmp_pa
     assert all(kept[s.id] == s for s in drawn)  # more members change no other
 
 
+def test_a_split_may_have_parameters_of_its_own_which_change_no_other_draw():
+    far = recipe(
+        test={"members": 20, "scene_params": {"drawn": {"travel": {"uniform": [40, 100]}}}}, train={"members": 5}
+    )
+    far = far.model_copy(update={"scene_params": {"drawn": {"travel": {"uniform": [10, 40]}}}})
+    family = {"drawn": SceneFamily({**FAMILY["drawn"].params, "travel": {"uniform": [0, 1]}})}
+    travels = {"test": [], "train": []}
+    for s in draw_sequences(far, family):
+        travels[s.split].append(s.params["travel"])
+    assert min(travels["test"]) >= 40
+    assert max(travels["train"]) <= 40
+    alone = draw_sequences(recipe(test={"members": 20}, train={"members": 5}), FAMILY)
+    assert [s.params["seed"] for s in alone] == [s.params["seed"] for s in draw_sequences(far, family)]
+
+
+def test_parameters_of_a_split_are_of_its_scenes_and_a_split_without_them_has_no_such_key(tmp_path):
+    path = tmp_path / "r.yaml"
+    split = SPLIT | {"members": 2, "positions": 9, "scene_params": {"other": {"seed": 1}}}
+    path.write_text(yaml.safe_dump(BASE | {"splits": {"test": split}}))
+    assert_says(refusal(read_recipe, path), "r.yaml | scene of splits.test.scene_params | 'other' | drawn")
+    assert {"positions", "scene_params"}.isdisjoint(recipe(test={}).model_dump(mode="json")["splits"]["test"])
+
+
 def test_repeats_may_draw_lights_too():
     drawn = draw_sequences(recipe(test={"repeats": 8, "variants": 2, "lights_each": 1}), FAMILY)
     assert len(drawn) == 8

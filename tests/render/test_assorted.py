@@ -122,7 +122,7 @@ def test_filters_look_at_contrast_cover_and_depth_alone(family, modules):
 def test_no_script_of_the_scene_knows_a_focus_measure(family):
     imported = {
         name.name if isinstance(node, ast.Import) else node.module
-        for file in family.folder.glob("*.py")
+        for file in (*family.folder.glob("*.py"), *family.kit_files().values())
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name in node.names
