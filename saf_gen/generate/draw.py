@@ -70,7 +70,8 @@ class PlannedSequence:
     motion : dict
         Lens motion, ``{kind: ..., ...}``.
     mean_rate : float or None
-        Spikes per readout of the target at best focus and gain 1; None for the absolute exposure.
+        Spikes per readout of the target at best focus and gain 1; None for the absolute exposure. As drawn, before the
+        lens is known, it may be spikes per depth of focus.
     axial_colour : dict or None
         Axial colour of the lens, if any light has a spectrum.
     actuator : Actuator or None
@@ -282,7 +283,7 @@ def _draw_sequence(
     repeat: int,
     actuator: Actuator | None,
 ) -> PlannedSequence:
-    settings = recipe.splits[split]
+    settings, exposure = recipe.splits[split], recipe.camera.exposure
     moves = ["dynamic"] if scene_motion == "dynamic" else []
     if settings.members:  # of the same family in several splits
         name = "-".join([_name_member(scene, split, member=repeat), *moves, light])
@@ -309,7 +310,10 @@ def _draw_sequence(
         seed=seeds.derive_seed(*stream, "camera"),
         schedule=schedule,
         motion=components.draw_component("motions", recipe.focus.motion, name=under_any_light, purpose=("motion",)),
-        mean_rate=draw_range(recipe.camera.exposure.mean_rate, seeds.make_generator(*stream, "recipe", "mean_rate")),
+        mean_rate=draw_range(
+            exposure.spikes_per_depth if exposure.mean_rate is None else exposure.mean_rate,
+            seeds.make_generator(*stream, "recipe", "mean_rate"),
+        ),
         axial_colour=dict(family.axial_colour) if coloured and family.axial_colour else None,
         actuator=actuator,
         actuator_seed=0 if actuator is None else seeds.derive_seed(*under_any_light, "actuator"),

@@ -35,12 +35,17 @@ class ExposureSettings(FrozenModel):
     """The amount of light that reaches the sensor.
 
     With ``mean_rate`` the light is scaled so that the target fires at this rate, in spikes per readout, at best focus
-    and gain 1. With ``absolute`` the radiances of the scene are not scaled. ``f_number`` replaces the lens's f-number.
+    and gain 1. With ``spikes_per_depth``, so that it fires so often while the lens passes a depth of focus. With
+    ``absolute`` the radiances of the scene are not scaled. ``f_number`` replaces the lens's f-number.
     """
 
     mean_rate: float | dict[str, Any] | None = None
     """Spikes per readout of the target at best focus and gain 1, above the dark rate and below 1; may be a range.
-    Give either this or ``absolute: true``."""
+    Give this, ``spikes_per_depth`` or ``absolute: true``."""
+    spikes_per_depth: float | dict[str, Any] | None = None
+    """Spikes of a pixel of the target, at best focus and gain 1, in the time in which a lens that passes its travel
+    once in the recording passes one depth of focus, so that lenses of long and short travels see as much light; may be
+    a range."""
     absolute: bool = False
     """Whether the radiances of the scene go through the lens without being scaled."""
     f_number: float | None = Field(default=None, gt=0.5, le=64)
@@ -48,16 +53,24 @@ class ExposureSettings(FrozenModel):
 
     @model_validator(mode="after")
     def _check_one_exposure(self) -> "ExposureSettings":
-        if (self.mean_rate is None) is not self.absolute:
-            raise ValueError("either mean_rate: a number above 0 and below 1, or absolute: true")
-        try:
-            values = range_extremes(self.mean_rate) if self.mean_rate is not None else ()
-        except BadInput as error:  # pydantic adds the place in the file to a ValueError alone
-            raise ValueError(f"for the range of mean_rate, {error.allowed}") from error
-        for value in values:
-            if not (isinstance(value, int | float) and 0 < value < 1):
-                raise ValueError("a mean_rate above 0 and below 1 spikes per readout")
+        if (self.mean_rate is not None) + (self.spikes_per_depth is not None) + self.absolute != 1:
+            raise ValueError("either mean_rate: a number above 0 and below 1, or spikes_per_depth, or absolute: true")
+        for name, highest in (("mean_rate", 1.0), ("spikes_per_depth", math.inf)):
+            stated = getattr(self, name)
+            try:
+                values = range_extremes(stated) if stated is not None else ()
+            except BadInput as error:  # pydantic adds the place in the file to a ValueError alone
+                raise ValueError(f"for the range of {name}, {error.allowed}") from error
+            for value in values:
+                if not (isinstance(value, int | float) and 0 < value < highest):
+                    below = f" and below {highest:g} spikes per readout" if highest < math.inf else ", and finite"
+                    raise ValueError(f"a {name} above 0{below}")
         return self
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_is_not_stated(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out ``spikes_per_depth`` if it is not given: other recipes keep their text and fingerprint."""
+        return {key: value for key, value in serialize(self).items() if key != "spikes_per_depth" or value is not None}
 
 
 class NoiseSettings(FrozenModel):
@@ -440,6 +453,7 @@ def recipe_schema() -> Schema:
     focus["motion"] = {**motions, "description": focus["motion"]["description"]}
     rate = {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1}
     exposure["mean_rate"]["anyOf"] = [rate, OPEN, {"type": "null"}]
+    exposure["spikes_per_depth"]["anyOf"] = [{"type": "number", "exclusiveMinimum": 0}, OPEN, {"type": "null"}]
     return schema
 
 

@@ -320,7 +320,28 @@ def _resolve_sequences(
                 if key not in of_point:
                     position, _ = sequence.lens_course(recipe.camera.frames, readout_hz=sensor.readout_hz)
                     of_point[key] = sharp_stack(time_stack, position)
+        with located("", prefix=f"camera.exposure: {sequence.id}: "):
+            sequence = _expose(sequence, recipe, spec=stacks[key][1].specs[0])
         yield ResolvedSequence(sequence, *stacks[key], sensor, recipe.camera.frames, recipe.seed, of_point.get(key))
+
+
+def _expose(sequence: PlannedSequence, recipe: Recipe, *, spec: StackSpec) -> PlannedSequence:
+    """Return a sequence with the spikes per readout that ``spikes_per_depth`` means behind its lens.
+
+    Raises BadInput if these are one or more.
+    """
+    per_depth = sequence.mean_rate
+    if recipe.camera.exposure.spikes_per_depth is None or per_depth is None:
+        return sequence
+    low, high = spec.drive.depth_of_focus(0.5, spec.pitch_m, wavelength_m=spec.wavelength_m)
+    readouts = (high - low) * recipe.camera.frames
+    if not per_depth < readouts:
+        raise BadInput(
+            f"spikes_per_depth is {per_depth:g}, and a depth of focus passes in {readouts:.4g} readouts",
+            allowed=f"less than {readouts:.4g}, as a pixel spikes once in a readout",
+            hint="lower it, or record more frames",
+        )
+    return replace(sequence, mean_rate=per_depth / readouts)
 
 
 def _check_lamps(sequence: PlannedSequence, groups: tuple[str, ...]) -> None:
@@ -400,6 +421,7 @@ def _check_given_lens(recipe: Recipe, name: str) -> None:
     exposure, focus = recipe.camera.exposure, recipe.focus
     stated = {
         "camera.exposure.absolute": exposure.absolute, "camera.exposure.f_number": exposure.f_number,
+        "camera.exposure.spikes_per_depth": exposure.spikes_per_depth,
         "focus.drive": focus.drive, "focus.aberrations": focus.aberrations, "focus.axial_colour": focus.axial_colour,
     }  # fmt: skip
     for key, value in stated.items():

@@ -202,6 +202,7 @@ WRONG = {
         "given pictures are without samples | leave dots out",
     ),
     "absolute": ([("mean_rate: 0.2", "absolute: true")], "camera.exposure.absolute is given | with a mean_rate"),
+    "per depth": ([("mean_rate: 0.2", "spikes_per_depth: 9")], "camera.exposure.spikes_per_depth is given"),
     "f_number": ([("mean_rate: 0.2", "mean_rate: 0.2, f_number: 2")], "camera.exposure.f_number is given"),
     "spectrum": (
         [("{kind: constant}", "{kind: constant, spectrum: led}")],

@@ -4,6 +4,7 @@ import os
 import socket
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from refusals import assert_says, refusal
@@ -262,3 +263,38 @@ def test_a_recipe_chooses_among_the_card_s_values_and_any_number_in_or_out_of_it
 )
 def test_a_parameter_that_the_card_could_not_have_is_refused(chosen, message):
     assert_says(refusal(member, **chosen), message)
+
+
+def exposed(tmp_path, **exposure):
+    path = tmp_path / "r.yaml"
+    path.write_text(yaml.safe_dump(BASE | {"camera": BASE["camera"] | {"frames": 20_000, "exposure": exposure}}))
+    return path
+
+
+def test_spikes_per_depth_are_as_many_behind_lenses_of_long_and_short_travels(tmp_path):
+    path = exposed(tmp_path, spikes_per_depth={"uniform": [40, 80]})
+    per_depth, rates = [], []
+    for sequence, drawn in zip(resolve_recipe(path).sequences, draw_sequences(read_recipe(path)), strict=True):
+        spec = sequence.time_stack.specs[0]
+        frame = spec.in_focus.depth_of_focus(np.full((1, 1), spec.drive.focus_depth(0.5)), np.ones((1, 1), bool))
+        rates.append(sequence.planned.mean_rate)
+        per_depth.append(rates[-1] * 20_000 * abs(frame[1] - frame[0]))
+        assert per_depth[-1] == pytest.approx(drawn.mean_rate, rel=0.02)  # as drawn, and by the truth's own rule
+    assert all(39 < count < 82 for count in per_depth)
+
+
+@pytest.mark.parametrize(
+    ("exposure", "said"),
+    [
+        (
+            {"spikes_per_depth": 5000},
+            "camera.exposure: usaf_target-fixed-00: | is 5000 | less than | record more frames",
+        ),
+        ({"spikes_per_depth": 0}, "a spikes_per_depth above 0"),
+        ({"spikes_per_depth": {"uniform": [0, 5]}}, "a spikes_per_depth above 0"),
+        ({"spikes_per_depth": 5, "mean_rate": 0.1}, "either mean_rate | or spikes_per_depth, or absolute: true"),
+        ({"spikes_per_depth": 5, "absolute": True}, "either mean_rate | or spikes_per_depth, or absolute: true"),
+    ],
+)
+def test_spikes_per_depth_that_no_pixel_gives_are_refused(tmp_path, exposure, said):
+    assert_says(refusal(resolve_recipe, exposed(tmp_path, **exposure)), said)
