@@ -286,10 +286,7 @@ def test_spikes_per_depth_are_as_many_behind_lenses_of_long_and_short_travels(tm
 @pytest.mark.parametrize(
     ("exposure", "said"),
     [
-        (
-            {"spikes_per_depth": 5000},
-            "camera.exposure: usaf_target-fixed-00: | is 5000 | less than | record more frames",
-        ),
+        ({"spikes_per_depth": 5000}, "camera.exposure: usaf_target-fixed-00: | is 5000 | less than | more frames"),
         ({"spikes_per_depth": 0}, "a spikes_per_depth above 0"),
         ({"spikes_per_depth": {"uniform": [0, 5]}}, "a spikes_per_depth above 0"),
         ({"spikes_per_depth": 5, "mean_rate": 0.1}, "either mean_rate | or spikes_per_depth, or absolute: true"),
