@@ -85,8 +85,8 @@ def is_mesh(path: Path) -> bool:
         raise BadInput(
             f"{path} is {UNREADABLE_MESHES[suffix]}, which saf_gen cannot read",
             allowed=f"a scene.xml, or a mesh: {', '.join(READERS)}",
-            hint="in Blender, use File > Export > Mitsuba (.xml) of the add-on mitsuba-blender for the scene with its"
-            " lamps, or glTF 2.0 (.glb) for the mesh",
+            hint="in Blender, use File > Export > glTF 2.0 (.glb) with Cameras and Punctual Lights, or Mitsuba (.xml)"
+            " of the add-on mitsuba-blender",
         )
     if suffix in READERS and not path.is_file():
         raise BadInput(f"{path} cannot be read: there is no such file")
@@ -110,7 +110,7 @@ def scene_of_mesh(
     target : str, optional
         Shape, node or material that should be in focus.
     notify : callable, optional
-        Called with a line of text for each kind of thing that is left out.
+        Called with a line of text about the place of the mesh, and for each kind of thing that is left out.
 
     Returns
     -------
@@ -132,6 +132,7 @@ def scene_of_mesh(
     scale, middle = SIZE_M / side, extent[0] / 2 + extent[1] / 2
     if not np.isfinite(scale):
         raise BadInput(f"the largest side of the mesh is {side:.3g}", where=str(path), hint="enlarge it")
+    notify(f"placed as a mesh, scaled by {scale:.4g}, in front of a lens, a lamp and a wall of a template")
     files = Files()
     names: list[str] = []
     for shape in shapes:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from saf_gen.authoring.mesh_scene import is_mesh, left_out_text, scene_of_mesh
-from saf_gen.authoring.whole_scene import read_whole_scene
+from saf_gen.authoring.whole_scene import describe_lack_of_camera, read_whole_scene
 from saf_gen.core.files import rename_durably, temporary_folder, unwritable
 from saf_gen.errors import BadInput
 from saf_gen.scene.obj_file import counts_from_the_end, with_positive_indices
@@ -110,6 +110,8 @@ def scene_from_export(
     """
     whole = read_whole_scene(exported) if is_mesh(exported) else None
     if is_mesh(exported) and whole is None:
+        for line in describe_lack_of_camera(exported):
+            notify(line)
         files = scene_of_mesh(exported, name, target=target, notify=notify)
         with _new_folder(name, root) as folder:
             _write(files, folder)

@@ -7,7 +7,7 @@ Khronos Group, "glTF 2.0 Specification", 2021: §3.10 (cameras); "KHR_lights_pun
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -73,13 +73,31 @@ def read_whole_scene(path: Path) -> WholeScene | None:
     lit = glows or bool(lamps)
     if not lit:
         lamps = [f'<emitter type="constant" id="room">{rgb("radiance", (0.5, 0.5, 0.5))}</emitter>']
+    _name_empty_nodes(document, worlds, left_out)
+    body = "".join(f"\t{element}\n" for element in (*_cameras(document, worlds), *lamps))
+    text = f'<scene version="3.0.0">\n{body}{"".join(files.xml)}</scene>\n'
+    return WholeScene({"scene.xml": text.encode(), **files.data}, nodes, lit, left_out.lines())
+
+
+def describe_lack_of_camera(path: Path) -> list[str]:
+    """Return lines about a mesh file of which :func:`read_whole_scene` makes no scene: why, and its empty nodes.
+
+    Raises BadInput if the file cannot be read.
+    """
+    if READERS[path.suffix.lower()] is not read_gltf:
+        return []
+    document, _ = read_document(path)
+    left_out = LeftOut()
+    _name_empty_nodes(document, placed_nodes(document), left_out)
+    why = "no camera in the file: export it with Cameras and Punctual Lights to have the whole scene"
+    return [why, *left_out.lines()]
+
+
+def _name_empty_nodes(document: Document, worlds: Iterable[int], left_out: LeftOut) -> None:
     for n in worlds:
         node = document.nodes[n]
         if node.mesh is None and node.camera is None and not node.children and LAMPS not in node.extensions:
             left_out.add("nodes without content, such as area lamps, left out", node.name or f"node_{n}")
-    body = "".join(f"\t{element}\n" for element in (*_cameras(document, worlds), *lamps))
-    text = f'<scene version="3.0.0">\n{body}{"".join(files.xml)}</scene>\n'
-    return WholeScene({"scene.xml": text.encode(), **files.data}, nodes, lit, left_out.lines())
 
 
 def _cameras(document: Document, worlds: dict[int, np.ndarray]) -> Iterator[str]:

@@ -30,7 +30,7 @@ from saf_gen.stream.manifest import (
     read_manifest,
     stem_of,
 )
-from saf_gen.stream.sample_dataset import SAMPLE, sample
+from saf_gen.stream.sample_dataset import SAMPLE, find_data, sample
 from saf_gen.stream.stream_file import SpikeStream, open_stream
 
 COUNTS_FOLDER = "counts"
@@ -69,7 +69,7 @@ class SpikeWindows:
     Parameters
     ----------
     dataset : str or Path
-        Dataset folder.
+        Dataset folder, or its name as on the command line, such as ``sample``.
     split : str, optional
         Split to use, or ``all``. A dataset with several splits needs it, so that a network does not learn on the test
         split by mistake.
@@ -121,6 +121,7 @@ class SpikeWindows:
         target: str | Callable[[SpikeStream, int, int], Any] = "error",
         counts: str | Path | None = None,
     ) -> None:
+        dataset = find_data(Path(dataset))
         manifest = read_manifest(dataset)
         if split is None:
             check_single_split(manifest.splits, where=str(dataset))

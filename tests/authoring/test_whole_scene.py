@@ -247,3 +247,16 @@ def test_a_target_is_named_by_its_node_and_must_be_seen(take):
     assert_says(refusal(take, file, target="car"), "unknown target 'car'; allowed: card, hidden; did you mean 'card'?")
     assert_says(refusal(take, file, target="hidden"), "the camera does not see 'mesh_hidden'")
     assert take(file, target="card")[0].card.target == ("mesh_card",)
+
+
+def test_a_file_that_was_exported_without_its_camera_says_so_and_names_what_came_empty(take):
+    file = whole()
+    del file.json["cameras"]
+    eye = next(node for node in file.json["nodes"] if node.get("name") == "Eye")
+    del eye["camera"]
+    _, lines = take(file)
+    assert lines[:2] == [
+        "no camera in the file: export it with Cameras and Punctual Lights to have the whole scene",
+        "nodes without content, such as area lamps, left out: Eye",
+    ]
+    assert lines[2].startswith("placed as a mesh, scaled by ")

@@ -359,6 +359,7 @@ def test_an_error_points_to_the_help_of_the_command(call, words, message):
 def test_a_mistyped_dataset_and_a_name_in_capitals_have_a_nearest(call, tmp_path):
     (tmp_path / "quickstart").mkdir()
     assert f"did you mean '{tmp_path / 'quickstart'}'?" in call("evaluate", tmp_path / "quikstart")[2]
+    assert "did you mean 'sample'?" in call("evaluate", "smaple")[2]
     assert call("methods", "show", "SD")[2].endswith("did you mean 'sd'?\n")
 
 

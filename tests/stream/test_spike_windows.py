@@ -206,6 +206,11 @@ def test_a_crop_that_does_not_fit_is_one_line_that_names_the_recording(dataset, 
     assert error.problem.startswith("crop is ")
 
 
+def test_windows_of_the_sample_are_had_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert len(SpikeWindows("sample", window=50, counts=tmp_path)) == 3 * 12
+
+
 @pytest.mark.parametrize("crop", [[4, 5], np.array([4, 5])])
 def test_a_crop_may_be_any_pair_of_whole_numbers(dataset, crop):
     assert SpikeWindows(dataset, "all", crop=crop)[0][0].shape == (1, 4, 5)

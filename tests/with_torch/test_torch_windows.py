@@ -52,6 +52,17 @@ def test_tensors_are_the_arrays(dataset):
         assert float(error) == value
 
 
+def test_an_error_in_a_worker_of_a_loader_keeps_its_reason(dataset):
+    from torch.utils.data import DataLoader
+
+    from saf_gen.torch import SpikeWindows
+
+    windows = SpikeWindows(dataset, "all", crop=(500, 500))
+    assert refusal(windows.__getitem__, 0).problem == "crop is (500, 500)"
+    with pytest.raises(RuntimeError, match=r"crop is \(500, 500\); allowed: \(1, 1\) to"):
+        next(iter(DataLoader(windows, num_workers=1)))
+
+
 def test_tensors_arrays_and_environment_refuse_several_splits_in_the_same_words(dataset):
     pytest.importorskip("gymnasium", reason="the extra gym is not installed")
     from saf_gen.benchmark.gym import AutofocusEnv

@@ -8,6 +8,7 @@ from saf_gen.core.files import check_on_disk, name_as_text
 from saf_gen.errors import BadInput, closest, unknown
 from saf_gen.stream.manifest import ALL_SPLITS, TEST_SPLIT, Manifest, check_content, read_manifest
 from saf_gen.stream.recordings import Recording
+from saf_gen.stream.sample_dataset import SAMPLE
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def _make_stream_task(path: Path, *, split: str | None, scene_motion: str | None
         raise BadInput(
             f"no dataset or stream at {str(path)!r}",
             allowed="a dataset folder or a stream file (.h5)",
-            nearest=str(path.with_name(nearest)) if (nearest := closest(path.name, _siblings(path))) else "",
+            nearest=str(path.with_name(nearest)) if (nearest := closest(path.name, [SAMPLE, *_siblings(path)])) else "",
             hint="make one with `saf-gen generate quickstart --out datasets/quickstart`",
         )
     for what, value in (("split", None if split == ALL_SPLITS else split), ("scene motion", scene_motion)):
