@@ -73,7 +73,7 @@ def read_whole_scene(path: Path) -> WholeScene | None:
     lit = glows or bool(lamps)
     if not lit:
         lamps = [f'<emitter type="constant" id="room">{rgb("radiance", (0.5, 0.5, 0.5))}</emitter>']
-    _name_empty_nodes(document, worlds, left_out)
+    _name_empty_nodes(document, worlds, left_out=left_out)
     body = "".join(f"\t{element}\n" for element in (*_cameras(document, worlds), *lamps))
     text = f'<scene version="3.0.0">\n{body}{"".join(files.xml)}</scene>\n'
     return WholeScene({"scene.xml": text.encode(), **files.data}, nodes, lit, left_out.lines())
@@ -88,12 +88,12 @@ def describe_lack_of_camera(path: Path) -> list[str]:
         return []
     document, _ = read_document(path)
     left_out = LeftOut()
-    _name_empty_nodes(document, placed_nodes(document), left_out)
+    _name_empty_nodes(document, placed_nodes(document), left_out=left_out)
     why = "no camera in the file: export it with Cameras and Punctual Lights to have the whole scene"
     return [why, *left_out.lines()]
 
 
-def _name_empty_nodes(document: Document, worlds: Iterable[int], left_out: LeftOut) -> None:
+def _name_empty_nodes(document: Document, worlds: Iterable[int], *, left_out: LeftOut) -> None:
     for n in worlds:
         node = document.nodes[n]
         if node.mesh is None and node.camera is None and not node.children and LAMPS not in node.extensions:
