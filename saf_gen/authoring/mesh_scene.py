@@ -110,7 +110,7 @@ def scene_of_mesh(
     target : str, optional
         Shape, node or material that should be in focus.
     notify : callable, optional
-        Called with a line of text about the place of the mesh, and for each kind of thing that is left out.
+        Called with a line of text for each kind of thing that is left out.
 
     Returns
     -------
@@ -132,7 +132,6 @@ def scene_of_mesh(
     scale, middle = SIZE_M / side, extent[0] / 2 + extent[1] / 2
     if not np.isfinite(scale):
         raise BadInput(f"the largest side of the mesh is {side:.3g}", where=str(path), hint="enlarge it")
-    notify(f"placed as a mesh, scaled by {scale:.4g}, in front of a lens, a lamp and a wall of a template")
     files = Files()
     names: list[str] = []
     for shape in shapes:

@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from pydantic import ValidationError
 
-from saf_gen.authoring.mesh_scene import Files, number, rgb, unique_name, visible_shapes
+from saf_gen.authoring.mesh_scene import SIZE_M, Files, number, rgb, unique_name, visible_shapes
 from saf_gen.authoring.meshes import READERS, LeftOut
 from saf_gen.authoring.meshes.gltf import cameras_of, placed_nodes, read_document, read_gltf
 from saf_gen.authoring.meshes.gltf_keys import Document, Light, Lights, LightUse, Perspective
@@ -24,6 +24,7 @@ from saf_gen.errors import BadInput
 LUMENS_PER_WATT = 683
 """The factor with which exporters write W/sr and W/m² as candela and lux, Blender among them."""
 LAMPS = "KHR_lights_punctual"
+PLACED = f"placed as a mesh with a largest side of {SIZE_M:g} m, in front of a lens, a lamp and a wall of a template"
 FILM_ROWS = 1000
 
 
@@ -80,17 +81,19 @@ def read_whole_scene(path: Path) -> WholeScene | None:
 
 
 def describe_lack_of_camera(path: Path) -> list[str]:
-    """Return lines about a mesh file of which :func:`read_whole_scene` makes no scene: why, and its empty nodes.
+    """Return lines about a mesh file of which :func:`read_whole_scene` makes no scene: why, where its mesh is placed.
+
+    They name the nodes of a glTF file that have no content.
 
     Raises BadInput if the file cannot be read.
     """
     if READERS[path.suffix.lower()] is not read_gltf:
-        return []
+        return [PLACED]
     document, _ = read_document(path)
     left_out = LeftOut()
     _name_empty_nodes(document, placed_nodes(document), left_out=left_out)
     why = "no camera in the file: export it with Cameras and Punctual Lights to have the whole scene"
-    return [why, *left_out.lines()]
+    return [why, *left_out.lines(), PLACED]
 
 
 def _name_empty_nodes(document: Document, worlds: Iterable[int], *, left_out: LeftOut) -> None:

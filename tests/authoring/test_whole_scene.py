@@ -259,4 +259,4 @@ def test_a_file_that_was_exported_without_its_camera_says_so_and_names_what_came
         "no camera in the file: export it with Cameras and Punctual Lights to have the whole scene",
         "nodes without content, such as area lamps, left out: Eye",
     ]
-    assert lines[2].startswith("placed as a mesh, scaled by ")
+    assert lines[2].startswith("placed as a mesh with a largest side of 0.1 m")
