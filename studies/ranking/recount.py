@@ -3,8 +3,8 @@
     python -m studies.ranking.recount DATASET EVALUATION
 
 Nothing of saf_gen is imported; the rules are those of docs/truth-and-ranking.md. Lens, truth, region and stratum come
-from the streams; frame and status of the answer, blankness and sharpness lost from ``records.jsonl`` (recorded track).
-Differences are printed; then the exit code is 1. Of moving scenes, the rectangle inside the target is not recounted.
+from the streams; the answer, blankness and sharpness lost from ``records.jsonl`` (recorded track). Differences are
+printed; then the exit code is 1. Of moving scenes, the rectangle inside the target is not recounted.
 Tolerances: ENDS for intervals, whose posterior is summed on another grid, else EXACT. Beyond 13 scenes, signs are
 flipped at random, here 20,000 times, there 4,096: p within CHANCE of 0.05 (four standard errors), or a difference with
 an end within 2·ENDS of 0, is too close to compare, and counted.
@@ -118,7 +118,7 @@ def level_with_best(wins, counts):
 
 def main(dataset, evaluation):
     """Print the differences between an evaluation and what this module counts, and return the exit code."""
-    files = {one["id"]: one["file"] for one in json.loads((dataset / "manifest.json").read_text())["sequences"]}
+    files = {s["id"]: s["file"] for s in json.loads((dataset / "manifest.json").read_text())["sequences"]}
     records = [json.loads(line) for line in (evaluation / "records.jsonl").read_text().splitlines()]
     regions = {r["sequence"]: r["region"] for r in sorted(records, key=lambda r: "@" not in r["method"])}
     streams = {name: read_stream(dataset / files[name], region) for name, region in regions.items()}
@@ -147,4 +147,7 @@ def main(dataset, evaluation):
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(Path, sys.argv[1:3])))
+    try:
+        sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))
+    except (OSError, IndexError) as error:
+        sys.exit(f"recount DATASET EVALUATION: {error}")
