@@ -2,12 +2,10 @@
 
     python -m studies.ranking.recount DATASET EVALUATION
 
-Nothing of saf_gen is imported; the rules are those of docs/truth-and-ranking.md. Lens, truth, region and stratum come
-from the streams; the answer, blankness and sharpness lost from ``records.jsonl`` (recorded track). Differences are
-printed; then the exit code is 1. Of moving scenes, the rectangle inside the target is not recounted.
-Tolerances: ENDS for intervals, whose posterior is summed on another grid, else EXACT. Beyond 13 scenes, signs are
-flipped at random, here 20,000 times, there 4,096: p within CHANCE of 0.05 (four standard errors), or a difference with
-an end within 2·ENDS of 0, is too close to compare, and counted.
+By the rules of docs/truth-and-ranking.md, without saf_gen. Lens, truth, region and stratum come from the streams, the
+rest from ``records.jsonl`` (recorded track); rectangles inside movers are not recounted. Differences beyond EXACT, or
+ENDS for intervals, are printed, with exit code 1. Beyond 13 scenes, signs are flipped at random: p within CHANCE of
+0.05 (four standard errors), or an end within 2·ENDS of 0, is too close.
 """
 
 import csv
@@ -148,6 +146,6 @@ def main(dataset, evaluation):
 
 if __name__ == "__main__":
     try:
-        sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))
-    except (OSError, IndexError) as error:
-        sys.exit(f"recount DATASET EVALUATION: {error}")
+        sys.exit(main(*map(Path, sys.argv[1:3])))
+    except OSError as error:
+        sys.exit(str(error))
