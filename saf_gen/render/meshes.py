@@ -2,7 +2,7 @@
 
 Mitsuba adds up the normals of the faces around each vertex by float atomics, in the order in which threads come. Here
 Dr.Jit computes what each face adds, and one loop adds it, in the order of one thread of eight lanes: exactly what
-Mitsuba itself computes on one thread of a processor with AVX2. Mitsuba takes the sum as if a file had held it.
+Mitsuba itself computes on one thread of a processor with AVX2, but for faces of nearly no area. Mitsuba takes the sum as if a file had held it.
 
 The areas of a mesh lamp's faces, by which points on it are drawn, are added by Mitsuba. On LLVM it does so in pieces of
 a fixed length, equal on any number of threads. On a card the last digits of these sums vary from run to run, and there
@@ -54,15 +54,17 @@ def vertex_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of float32, shape (vertex, 3)
-        Normals of length 1; (1, 0, 0) for a vertex of no face with an area.
+        Normals of length 1; (1, 0, 0) for a vertex of no face with an area. A face has none if twice its area is below
+        1e-19 square units, as at the poles of a ball whose corners are rounded.
     """
     flat: Any = mi.Float(np.float32(SCALE) * np.ravel(positions).astype(np.float32))
     at: list[Any] = [mi.UInt32(np.ascontiguousarray(faces[:, corner])) for corner in range(3)]
     corners = [mi.Vector3f(*(dr.gather(mi.Float, flat, 3 * index + axis) for axis in range(3))) for index in at]
     normal = dr.cross(corners[1] - corners[0], corners[2] - corners[0])
     area = dr.squared_norm(normal)
-    # Without the scale, Mitsuba finds an infinite root.
-    normal = normal * dr.select(area < SMALLEST * SCALE**4, dr.inf, dr.rsqrt(area))
+    # The root of what is smaller is infinite without the scale: Mitsuba's own threads make black poles of balls so.
+    area = dr.select(area < SMALLEST * SCALE**4, 0, area)
+    normal = normal * dr.rsqrt(area)
     weighted = np.empty((3, len(faces), 3), dtype=np.float32)
     for n, corner in enumerate(corners):
         sides = [dr.normalize(corners[(n + k) % 3] - corner) for k in (1, 2)]

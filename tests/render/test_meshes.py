@@ -136,6 +136,22 @@ def test_a_vertex_without_a_face_has_the_normal_that_mitsuba_gives_it():
     assert meshes.vertex_normals(positions, faces)[3].tolist() == [1, 0, 0]
 
 
+@needs_llvm
+def test_the_poles_of_a_ball_are_not_black():
+    """Their faces have areas of 1e-20, as the cosine of a right angle is 6e-17."""
+    backend.activate_backend("llvm")
+    lat, lon = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 17), np.linspace(0, 2 * np.pi, 33), indexing="ij")
+    points = 0.6 * np.stack([np.cos(lat) * np.sin(lon), np.sin(lat), np.cos(lat) * np.cos(lon)], -1).reshape(-1, 3)
+    at = (np.arange(16)[:, None] * 33 + np.arange(32)).ravel()
+    faces = np.concatenate([np.stack([at, at + 1, at + 34], 1), np.stack([at, at + 34, at + 33], 1)]).astype(np.uint32)
+    positions = (points - [0, 0, 29]).astype(np.float32)
+    made = meshes.make_mesh("ball", positions, faces=faces, bsdf={"type": "diffuse"}, smooth=True)
+    assert meshes.black_triangles(mi.traverse(made)) == 0
+    found = normals_of(made)
+    assert np.linalg.norm(found, axis=1) == pytest.approx(1, abs=1e-6)
+    assert np.abs((found * points / 0.6).sum(axis=1))[33:-33].min() > 0.95  # poles share slivers, whose sides are noise
+
+
 def has_eight_lanes():
     flags = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     return "avx2" in flags and "avx512" not in flags
