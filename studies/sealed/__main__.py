@@ -2,10 +2,14 @@
 
     python -m studies.sealed seal RECIPE        writes RECIPE-sealed.yaml, to publish, and RECIPE.secret, to keep
     python -m studies.sealed open RECIPE-sealed.yaml SECRET        writes RECIPE-open.yaml, to generate
+    python -m studies.sealed draw RECIPE COMMIT        writes RECIPE-drawn.yaml into this folder, to generate
 
 The seed of a recipe determines every random number. A sealed seed is a commitment, the SHA-256 of a secret and a salt.
 ``saf-gen generate`` refuses it, because it is not a number. Whoever gets the secret later can check that it fits, and
 generate the split. Scenes, lights and sizes of a sealed split are never hidden.
+
+``draw`` needs no secret: the seed is a digest of the recipe's text and of the commit that fixes the method, so it does
+not exist before the method does, and another method would meet other members.
 """
 
 import argparse
@@ -64,6 +68,23 @@ def open_sealed(recipe: Path, secret: str) -> Path:
     return opened
 
 
+def draw(recipe: Path, commit: str) -> Path:
+    """Write a copy of a recipe whose seed its text and a commit determine into the working folder; return its path.
+
+    Raises BadInput if the commit is not given in full, the recipe has no line with a seed, or the file exists.
+    """
+    if not re.fullmatch(r"[0-9a-f]{40}|[0-9a-f]{64}", commit):
+        raise BadInput(f"{commit!r:.20} is not a commit", allowed="40 hexadecimal digits: git rev-parse HEAD")
+    text, drawn = recipe.read_text(encoding="utf-8"), Path(f"{recipe.stem}-drawn.yaml")
+    if drawn.exists():
+        raise BadInput(f"{drawn} exists already", hint="remove it, or work in another folder")
+    digest = hashlib.sha256(f"saf-gen drawn seed\n{commit}\n{text}".encode()).digest()
+    text = _replace_seed(text, str(int.from_bytes(digest[:8]) >> 1), where=recipe)
+    name = re.sub(r"^name:[ \t]*(\S+)", r"name: \1_drawn", text, flags=re.MULTILINE)
+    drawn.write_text(name, encoding="utf-8")
+    return drawn
+
+
 def commitment(secret: str, salt: str) -> str:
     """Return the SHA-256 of secret and salt, which are given and returned in hexadecimal digits."""
     return hashlib.sha256(bytes.fromhex(secret) + bytes.fromhex(salt)).hexdigest()
@@ -91,11 +112,16 @@ def main(arguments: list[str] | None = None) -> None:
     opening = commands.add_parser("open")
     opening.add_argument("recipe", type=Path)
     opening.add_argument("secret", help="64 hexadecimal digits, or the file that holds them")
+    drawing = commands.add_parser("draw")
+    drawing.add_argument("recipe", type=Path)
+    drawing.add_argument("commit", help="of the method, in full")
     given = parser.parse_args(arguments)
     try:
         if given.command == "seal":
             sealed, secret_file = seal(given.recipe)
             print(f"{sealed}   (publish it)\n{secret_file}   (show it to nobody, and do not lose it)")
+        elif given.command == "draw":
+            print(draw(given.recipe, given.commit))
         else:
             file = Path(given.secret)
             print(open_sealed(given.recipe, (file.read_text() if file.is_file() else given.secret).strip()))

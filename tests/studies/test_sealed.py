@@ -70,3 +70,18 @@ def test_what_does_not_fit_is_refused_in_one_line(capsys, sealed, small_recipe):
     assert "small-sealed.yaml exists already" in refused(capsys, "seal", small_recipe)
     path.unlink()
     assert "small.secret exists already" in refused(capsys, "seal", small_recipe)
+
+
+def test_a_drawn_split_hangs_on_the_text_and_on_the_commit(small_recipe, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = []
+    for commit, comment in (("a" * 40, ""), ("a" * 40, ""), ("b" * 40, ""), ("a" * 40, "# one more member\n")):
+        small_recipe.write_text(small_recipe.read_text(encoding="utf-8") + comment, encoding="utf-8")
+        main(["draw", str(small_recipe), commit])
+        drawn = read_recipe(tmp_path / "small-drawn.yaml")
+        found.append(drawn.seed)
+        assert drawn.name == f"{read_recipe(small_recipe).name}_drawn"
+        (tmp_path / "small-drawn.yaml").unlink()
+    assert found[0] == found[1]
+    assert len({3, *found}) == 4
+    assert "is not a commit" in refused(capsys, "draw", small_recipe, "a1b2c3d")
