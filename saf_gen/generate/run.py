@@ -355,6 +355,7 @@ def _list_finished(plan: Plan) -> Manifest:
         recipe_fingerprint=recipe_fingerprint(resolved.recipe),
         variant=", ".join(sorted(backends)),
         sequences=tuple(entry for entry in entries if entry is not None),
+        planned=dict(Counter(sequence.planned.split for sequence in resolved.all_sequences)),
     )
     write_manifest(folder, manifest)
     write_dataset_card(folder, resolved.recipe, manifest=manifest, scenes=[s.card for s in resolved.scenes.values()])

@@ -66,6 +66,9 @@ def measure_by_repeat(
     if not todo:
         return
     with temporary_folder(root / "grain") as folder:
+        for spec in todo:  # what the lens sees is not traced again
+            depth, target = StackStore(root, spec).load_geometry()
+            StackStore(folder, again[spec]).write_geometry(depth, target, backend=backend_name)
         render_missing(
             scene,
             list(again.values()),

@@ -2,7 +2,8 @@
 
 Mitsuba adds up the normals of the faces around each vertex by float atomics, in the order in which threads come. Here
 Dr.Jit computes what each face adds, and one loop adds it, in the order of one thread of eight lanes: exactly what
-Mitsuba itself computes on one thread of a processor with AVX2, but for faces of nearly no area. Mitsuba takes the sum as if a file had held it.
+Mitsuba itself computes on one thread of a processor with AVX2, but for faces of nearly no area. Mitsuba takes the sum
+as if a file had held it.
 
 The areas of a mesh lamp's faces, by which points on it are drawn, are added by Mitsuba. On LLVM it does so in pieces of
 a fixed length, equal on any number of threads. On a card the last digits of these sums vary from run to run, and there

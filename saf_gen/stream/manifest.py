@@ -10,7 +10,7 @@ import io
 import os
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated, ClassVar
@@ -89,8 +89,9 @@ class PublishedFile:
 class Manifest:
     """A dataset: its name, the fingerprint of its recipe, its backend (``variant``), and its sequences.
 
-    ``files`` are the files of its streams as :func:`write_manifest` found them. They belong to the copy on this disk:
-    the same content may be stored in other bytes, so that manifests are compared without them.
+    ``planned`` states how many sequences of each split its recipe makes, if it has one; those that are not made yet are
+    not listed. ``files`` are the files of its streams as :func:`write_manifest` found them. They belong to the copy on
+    this disk: the same content may be stored in other bytes, so that manifests are compared without them.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -100,11 +101,17 @@ class Manifest:
     variant: str
     sequences: Annotated[tuple[SequenceEntry, ...], FailFast()]
     files: Annotated[tuple[PublishedFile, ...], FailFast()] = field(default=(), compare=False)
+    planned: Mapping[str, StrictInteger] = field(default_factory=dict, hash=False)
 
     @property
     def splits(self) -> tuple[str, ...]:
         """The names of the splits, in the order of the sequences."""
         return tuple(dict.fromkeys(s.split for s in self.sequences))
+
+    def count_unmade(self, splits: Collection[str]) -> int:
+        """Return how many sequences of some splits the recipe makes besides those that are listed."""
+        listed = sum(entry.split in splits for entry in self.sequences)
+        return max(sum(self.planned.get(split, 0) for split in splits) - listed, 0)
 
     @property
     def file_digests(self) -> dict[str, str]:

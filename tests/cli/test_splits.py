@@ -4,6 +4,7 @@ import json
 import os
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from saf_gen.benchmark import kept_sequences
 from saf_gen.benchmark.records import read_records
 from saf_gen.cli._terminal import out
 from saf_gen.leaderboard import read_leaderboard
-from saf_gen.stream.manifest import read_manifest
+from saf_gen.stream.manifest import read_manifest, write_manifest
 from saf_gen.stream.stream_writer import write_stream
 
 METHOD = ("--method", "sd+argmax:window=20")
@@ -107,6 +108,14 @@ def test_a_folder_of_streams_is_ranked_by_the_same_rules(call, tmp_path, files, 
     code, out, _ = call("evaluate", tmp_path / "own", *METHOD)
     assert code == (0 if ranked else 2)
     assert ranked is None or {r.what.split for r in read_records(tmp_path / "own/evaluation")} == ranked
+
+
+def test_what_is_planned_and_not_made_is_on_the_first_line(call, make, tmp_path):
+    folder = make(train=1, test=1)
+    write_manifest(folder, replace(read_manifest(folder), planned={"train": 9, "test": 3}))
+    code, out, _ = call("evaluate", folder, *METHOD, "--out", tmp_path / "out")
+    assert code == 0
+    assert out.splitlines()[0].endswith("; 2 more are planned and not made yet (saf-gen generate goes on)")
 
 
 def test_a_single_stream_belongs_to_no_split(call, tmp_path):

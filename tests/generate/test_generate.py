@@ -248,8 +248,11 @@ def test_a_stopped_run_lists_the_complete_sequences(work, made, monkeypatch):
         patch.setattr(run, "run_jobs", run_two)
         with pytest.raises(SafGenError, match=lost):
             generate(work, made.folder, variant=VARIANT)
-    assert [entry.file for entry in read_manifest(made.folder).sequences] == [first, second]
+    listed = read_manifest(made.folder)
+    assert [entry.file for entry in listed.sequences] == [first, second]
+    assert listed.count_unmade(listed.splits) == 1
     assert digests(generate(work, made.folder, variant=VARIANT).folder) == complete
+    assert read_manifest(made.folder).count_unmade(listed.splits) == 0
 
 
 def test_a_folder_that_cannot_be_written_is_refused(work, tmp_path):

@@ -30,10 +30,14 @@ class SequenceTask:
 
 @dataclass(frozen=True)
 class SequenceSelection:
-    """The sequences to evaluate, at least one, and the split of each sequence of the splits that are left out."""
+    """The sequences to evaluate, at least one, and the split of each sequence of the splits that are left out.
+
+    ``unmade`` sequences of their splits are planned, but not made yet.
+    """
 
     tasks: list[SequenceTask]
     left_out: Mapping[str, str] = field(default_factory=dict)
+    unmade: int = 0
 
 
 def select_sequences_to_evaluate(
@@ -92,7 +96,7 @@ def select_sequences_to_evaluate(
         )
         for entry in entries
     ]
-    return SequenceSelection(tasks, left_out)
+    return SequenceSelection(tasks, left_out, manifest.count_unmade(splits))
 
 
 def _choose_splits(manifest: Manifest, split: str | None, *, path: Path) -> tuple[str, ...]:
