@@ -19,7 +19,7 @@ from saf_gen.optics.microscope_stage import Stage
 from saf_gen.optics.vignetting import Ring
 from saf_gen.optics.wavefront import Wavefront
 
-FocalLengthMm = Annotated[float, Field(gt=0, le=2000)]
+FocalLengthMm = Annotated[float, Field(ge=0.5, le=2000)]
 
 
 class Aberrations(FrozenModel):

@@ -56,6 +56,7 @@ STAGE = "{drive: stage, focal_length_mm: 4, f_number: 1.1, magnification: 20, tr
         ("id: plane", "id: plain", 1, "'plain'; allowed: plane"),
         ("focus_range_m: [0.60, 0.42]", "focus_range_m: [0.60, 0.02]", 6, "25 mm"),
         ("focal_length_mm", "focal_lenght_mm", 6, "focal_length_mm"),
+        ("focal_length_mm: 25", "focal_length_mm: 0.025", 6, "allowed: greater than or equal to 0.5"),  # metres
         ("look_at_m: [0, 0, 1]", "look_at_m: [0, 0, 0]", 5, "look_at_m away from origin_m"),
         ("room: [room]", "room: [lamp]", 7, "'lamp' is in two light groups"),
         ("id: plane", "id: plane\nunit_m: 0", 2, "unit_m is 0; allowed: greater than 0"),
