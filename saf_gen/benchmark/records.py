@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field, WrapValidator
 from saf_gen.core.config.document import STRICT, Document, read_lines, validate_document
 from saf_gen.core.config.json_document import format_checked_json, parse_checked_json
 from saf_gen.core.files import atomic_file
-from saf_gen.errors import BadInput, closest
+from saf_gen.errors import BadInput, closest, some_of
 
 RECORDS_FILE = "records.jsonl"
 READY = ".evaluation.ready"
@@ -385,7 +385,7 @@ def _parse_record(document: Document) -> Record:
         if odd := next((key for key in keys if key not in other), ""):
             problem = f"the key {odd!r} is missing" if keys is _PART_OF else f"unknown key {odd!r}"
             near = closest(odd, list(_PART_OF)) if keys is data else ""
-            raise BadInput(problem, where=document.locate(), allowed=", ".join(_PART_OF), nearest=near, hint=HINT)
+            raise BadInput(problem, where=document.locate(), allowed=some_of(_PART_OF, odd), nearest=near, hint=HINT)
     parts: list[Any] = []
     for part in PARTS:
         document.data = {key: value for key, value in data.items() if _PART_OF[key] is part}

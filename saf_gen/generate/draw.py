@@ -12,7 +12,7 @@ import numpy as np
 from saf_gen.core import seeds
 from saf_gen.core.config import components
 from saf_gen.core.config.ranges import draw_range, is_number, is_range, range_extremes
-from saf_gen.errors import BadInput, closest, located, unknown
+from saf_gen.errors import BadInput, closest, located, some_of, unknown
 from saf_gen.generate.recipe import Recipe
 from saf_gen.optics.actuators import Actuator
 from saf_gen.optics.actuators.actuated_lens import follow_commands
@@ -350,7 +350,7 @@ def _check_fits(value: Any, card: Any, *, what: str) -> None:
             if between or text not in known:
                 raise BadInput(
                     f"{what} is {value!r}",
-                    allowed=f"{', '.join(known)}, as on the scene's card, or a choice among them",
+                    allowed=f"{some_of(known, text)}, as on the scene's card, or a choice among them",
                     nearest=closest(text, known).strip('"'),
                 )
     elif is_range(card) or is_number(card):

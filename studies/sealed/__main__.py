@@ -125,7 +125,7 @@ def main(arguments: list[str] | None = None) -> None:
         else:
             file = Path(given.secret)
             print(open_sealed(given.recipe, (file.read_text() if file.is_file() else given.secret).strip()))
-    except BadInput as error:
+    except (BadInput, OSError) as error:
         parser.error(str(error))
 
 
