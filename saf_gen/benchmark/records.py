@@ -74,9 +74,8 @@ class Who:
     method: str
     """Name of the method, ``MEASURE+SEARCH``, with options that differ from the defaults."""
     code: str
-    """Digest of the method's options and code. The code is in the files of measure and search, and in the private
-    modules (``_name.py``) that they import from the same folder; comments, docstrings, formatting and location are
-    ignored."""
+    """Digest of the method's options and of the code of measure, search and the private modules (``_name.py``) that
+    they import from the same folder, without comments, docstrings and formatting."""
     region: str
     """Region where the method looked: ``target``, ``inside``, ``frame``, ``shifted``, ``half``, ``double`` or
     ``centre``."""
@@ -111,8 +110,8 @@ class What:
     frames: Annotated[Count, Field(ge=1)]
     """Number of frames recorded; in the closed loop, the budget in frames."""
     data: str
-    """content_sha256 of the stream, all of which was read and compared before any method ran; in a closed loop with
-    other time slices than the recording, a digest of stream and slices."""
+    """content_sha256 of the stream; in a closed loop with other time slices than the recording, a digest of stream and
+    slices."""
     track: Track = "recorded"
     """``recorded`` or ``closed_loop``."""
     terms: str = ""
@@ -120,7 +119,7 @@ class What:
     rig: str = ""
     """Versions of the parts of the evaluator that count and capture spikes and judge answers."""
     benchmark: str | None = None
-    """Name and digest of the frozen benchmark that the sequence belongs to; None if it belongs to no benchmark."""
+    """Name and digest of the frozen benchmark that the sequence belongs to, or None."""
     sensor: str | None = None
     """Name of the recording's sensor, followed by six digits of a digest if its numbers differ from those of the
     registered sensor of that name. None if the recording does not state its sensor."""
@@ -144,18 +143,16 @@ class What:
     """Largest gain of the light divided by its smallest; 1000 for a light that goes out. With several lights, the
     largest of their ratios."""
     obstacle: Obstacle | None = None
-    """What keeps every method from the focus: ``no spikes`` or ``all spikes`` in the region of the evaluation, where no
-    answer counts and no success is known; ``no inside region``, where the same holds for methods that look inside the
-    target; ``lens at rest``; or ``focus not reached``, where the lens stays more than 1 depth of focus away and no
-    answer is right. None if nothing does."""
+    """What keeps every method from the focus: ``no spikes`` or ``all spikes`` in the region of the evaluation, or ``no
+    inside region`` for methods that look there, where no answer counts; ``lens at rest``; or ``focus not reached``,
+    where the lens stays more than 1 depth of focus away and no answer is right. None if nothing does."""
     grain_rms: Travel | None = None
     """Noise that the renderer left in the recorded pictures at best focus: rms divided by mean, in the box around the
     target."""
     stratum: Stratum | None = None
-    """Geometry of the region of the evaluation. Inside the target: ``one depth`` if at least 95 % of its pixels come
-    into focus within half a depth of focus of the truth, else ``relief``. In the target's box, the share of its pixels
-    that belong to the target: ``80 % and more``, ``60 to 80 %`` or ``below 60 %``. None for other regions, or if the
-    recording states no geometry."""
+    """Geometry of the region of the evaluation. Inside the target: ``one depth`` or ``relief``. In the target's box:
+    ``80 % and more``, ``60 to 80 %`` or ``below 60 %``. None for other regions, or if the recording states no geometry.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +177,7 @@ class Judgement:
     """Frame of the focus crossing nearest to the answer, or of the first crossing if there is no answer; None in the
     closed loop."""
     depth_of_focus: Distance | None = None
-    """Distance between the positions at which the blur of the target reaches one pixel, in travels."""
+    """Distance between the near and far end of the depth of focus, in travels."""
     trace: tuple[TraceValue, ...] = ()
     """Steps of the search in its own convention; ``egs_code`` and ``sgfs_code`` give frames counted from 1."""
     note: str = ""
@@ -188,7 +185,7 @@ class Judgement:
     windows: Count = 0
     """Number of windows that the search scored or looked at."""
     seconds: Duration = 0.0
-    """Computing time of search and measure, in seconds; counting, reading and encoding spikes are not included."""
+    """Computing time of search and measure, without counting, reading and encoding spikes, in seconds."""
     operations: Annotated[Number, Field(ge=0)] | None = None
     """Additions, multiplications and roots that measure and search declare, of all windows that were scored or looked
     at."""
@@ -203,20 +200,16 @@ class Judgement:
     """Recorded track: time until the method saw its last frame. Closed loop: time until the lens arrived for good."""
     optimum: Position | None = None
     """Position at which the focus curve of the method's measure peaks without any noise, in constant light, in the box
-    around the target, or inside the target for methods that look there. For ``sd`` and related measures at rest it
-    follows from the noise-free sharpness in the recording; for others, and for ``sd`` on recordings of moving scenes,
-    the recording may state it."""
+    around the target, or inside the target for methods that look there; None if it is unknown."""
     sharpness_lost: Annotated[Number, Field(ge=0, le=1)] | None = None
-    """What the target lost of its sharpness at the answer: 1 − S(answer)/S(best), with the noise-free SD, S, that the
-    recording holds for each rendered position (``/truth/sharpness``). None if the recording holds none, if its
-    positions are too far apart, or if the scene moves. For methods that look inside the target, it is the SD there
-    (``/truth/sharpness_inside``)."""
+    """What the target lost of its sharpness at the answer: 1 − S(answer)/S(best), with the noise-free SD, S, of
+    ``/truth/sharpness``, or of ``/truth/sharpness_inside`` for methods that look inside the target. None if the
+    recording holds none, if its positions are too far apart, or if the scene moves."""
     grain_of_curve: Travel | None = None
     """Largest energy of the renderer's noise along the recording, divided by the range of the measure's focus curve.
     The curve is the noise-free sharpness for ``sd`` and related measures, and the measure's own energy for
     ``brenner``, ``tenengrad``, ``squared_gradient``, ``energy_of_laplacian`` and ``variance_of_laplacian``; None for
-    other measures, and for methods that look at the frame. For those that look inside the target, it is that of the
-    box."""
+    other measures, and for methods that look at the frame. Inside the target, it is that of the box."""
 
     @property
     def error(self) -> float | None:
