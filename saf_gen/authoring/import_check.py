@@ -17,15 +17,16 @@ COLUMNS, ROWS, BLOCK, ENLARGED, SAMPLES = 96, 60, 6, 4, 64
 DARK = 0.25  # of the mean: differences of darker blocks count as if they had this brightness
 
 
-def compare_with_source(folder: Path, *, variant: str = "auto") -> str:
+def compare_with_source(folder: Path, *, camera: str = "", variant: str = "auto") -> str:
     """Write the picture of a scene's source, that of the scene, and their difference, and return a line about them.
 
     Differences are those of blocks of 6 × 6 pixels. The noise is that of the source's picture, from two halves of it.
+    ``camera`` is the id of the source's camera, in place of the first.
 
     Raises BadInput if one of them cannot be rendered.
     """
     grid = SensorGrid(ROWS, COLUMNS, SENSOR_WIDTH_M / COLUMNS)
-    halves = source_pictures(folder / "scene.xml", grid, samples=SAMPLES)
+    halves = source_pictures(folder / "scene.xml", grid, samples=SAMPLES, camera=camera)
     source = halves.mean(axis=0)
     scene = load_scene(folder)
     pose = scene.card.camera

@@ -77,7 +77,13 @@ def scene_from_template(name: str, root: Path, *, kind: str = "script") -> list[
 
 
 def scene_from_export(
-    exported: Path, name: str, *, root: Path, target: str = "", notify: Callable[[str], None] = lambda line: None
+    exported: Path,
+    name: str,
+    *,
+    root: Path,
+    camera: str = "",
+    target: str = "",
+    notify: Callable[[str], None] = lambda line: None,
 ) -> list[Path]:
     """Copy an exported scene and its files to ``root/name``, write its card, and return the paths of the files.
 
@@ -93,6 +99,8 @@ def scene_from_export(
         Name of the new scene.
     root : Path
         Folder of scene folders.
+    camera : str, optional
+        Camera of the file, in place of its first with a perspective.
     target : str, optional
         Shape or node that should be in focus, in place of that in the middle of the image.
     notify : callable, optional
@@ -105,11 +113,17 @@ def scene_from_export(
     Raises
     ------
     BadInput
-        If the scene cannot be read; has no camera, no lamp or no shape in the middle; has a camera that no card can
-        describe; or if the name cannot be used. In these cases, no file is left behind.
+        If the scene cannot be read; has no camera, or none of this name, no lamp or no shape in the middle; has a
+        camera that no card can describe; or if the name cannot be used. In these cases, no file is left behind.
     """
     whole = read_whole_scene(exported) if is_mesh(exported) else None
     if is_mesh(exported) and whole is None:
+        if camera:
+            raise BadInput(
+                f"the file has no camera with a perspective, and --camera names {camera!r}",
+                where=str(exported),
+                hint="export it with its cameras, or leave --camera out to place its mesh",
+            )
         for line in describe_lack_of_camera(exported):
             notify(line)
         files = scene_of_mesh(exported, name, target=target, notify=notify)
@@ -124,20 +138,20 @@ def scene_from_export(
             sources = _copied_files(read, exported)
             changed = list(_copy(sources, folder))
             copies = {sources[file]: folder / file for file, _ in changed}
-            camera = exported_camera(read.with_copies(copies), exported, target=target)
-            lines = [*camera.notes, *(f"mesh rewritten: {file} ({how})" for file, how in changed)]
+            taken = exported_camera(read.with_copies(copies), exported, camera=camera, target=target)
+            lines = [*taken.notes, *(f"mesh rewritten: {file} ({how})" for file, how in changed)]
             written, source = list(sources), EXPORTED_SOURCE
         else:
             _write(whole.files, folder)
             read = read_scene_xml(folder / "scene.xml", {})
-            camera = exported_camera(read, exported, target=target, nodes=whole.nodes)
-            lines = [*whole.lines, *camera.notes]
+            taken = exported_camera(read, exported, camera=camera, target=target, nodes=whole.nodes)
+            lines = [*whole.lines, *taken.notes]
             if not whole.lit:
-                camera = _add_lamp(folder / "scene.xml", camera)
+                taken = _add_lamp(folder / "scene.xml", taken)
                 lines.append("no lamp in the file: a lamp beside the camera and light from all around are added")
             written = list(whole.files)
             source = WHOLE_SOURCE.replace("FILE", exported.name).replace("LEFT_OUT", left_out_text(lines))
-        texts = {"scene.yaml": _format_card(name, camera), "SOURCE.md": re.sub(r"\bNAME\b", name, source)}
+        texts = {"scene.yaml": _format_card(name, taken), "SOURCE.md": re.sub(r"\bNAME\b", name, source)}
         _write({file: text.encode() for file, text in texts.items()}, folder)
         try:
             load_scene(folder)  # checks the card

@@ -89,6 +89,9 @@ def new_scene_command(
             " its card is written.",
         ),
     ] = None,
+    camera: Annotated[
+        str, typer.Option(help="With --from: camera of the file (default: the first with a perspective).")
+    ] = "",
     target: Annotated[
         str, typer.Option(help="With --from: shape or node to be in focus (default: the middle of the picture).")
     ] = "",
@@ -105,9 +108,10 @@ def new_scene_command(
     if exported is not None:
         if xml:
             raise BadInput("--xml and --from are both given", hint="leave --xml out: --from also takes a scene.xml")
-        written = scene_from_export(exported, name, root=root, target=target, notify=left_out.append)
-    elif target:
-        raise BadInput("--target is given without --from", hint="write the target of a template on its card")
+        written = scene_from_export(exported, name, root=root, camera=camera, target=target, notify=left_out.append)
+    elif target or camera:
+        option = "target" if target else "camera"
+        raise BadInput(f"--{option} is given without --from", hint=f"write the {option} of a template on its card")
     else:
         written = scene_from_template(name, root, kind="xml" if xml else "script")
     for line in [*map(str, written), *left_out]:
@@ -119,7 +123,7 @@ def new_scene_command(
 
         try:
             with at_work("rendering the scene beside its source"):
-                line = compare_with_source(root / name)
+                line = compare_with_source(root / name, camera=camera)
         except BadInput as refused:
             line = f"picture: not compared with that of the source: {refused}"
         out.print(line, soft_wrap=True)

@@ -12,7 +12,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from saf_gen.errors import BadInput, unknown
+from saf_gen.errors import BadInput, closest, some_of, unknown
 from saf_gen.plugins.lights import RESERVED_GROUP_NAMES
 from saf_gen.render import backend, mitsuba_scene
 from saf_gen.render.mitsuba_words import parse_refusal
@@ -24,6 +24,7 @@ from saf_gen.scene.xml import Element, SceneXml, read_scene_xml
 REFERENCE_GRID = SensorGrid(rows=250, columns=400, pitch_m=20e-6)
 SENSOR_WIDTH_M = REFERENCE_GRID.columns * REFERENCE_GRID.pitch_m
 MIN_F_NUMBER, DEFAULT_F_NUMBER = 1.0, 2.0  # default for a pinhole
+PERSPECTIVE = ("perspective", "thinlens")
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,9 @@ class ExportedCamera:
 
 
 def exported_camera(
-    read: SceneXml, path: Path, *, target: str = "", nodes: Mapping[str, str] = MappingProxyType({})
+    read: SceneXml, path: Path, *, camera: str = "", target: str = "", nodes: Mapping[str, str] = MappingProxyType({})
 ) -> ExportedCamera:
-    """Return the first perspective camera of a scene, aimed at the first opaque surface behind all clear ones.
+    """Return a perspective camera of a scene, aimed at the first opaque surface behind all clear ones.
 
     Units are metres, unless the lens could not blur the target: then they are the largest power of ten at which it can.
 
@@ -82,6 +83,8 @@ def exported_camera(
         Scene that was read from the file.
     path : Path
         File of the scene, for messages.
+    camera : str, optional
+        Id of the camera, in place of the first.
     target : str, optional
         Id of a shape, or node, that should be in focus instead.
     nodes : mapping of str to str, optional
@@ -95,8 +98,8 @@ def exported_camera(
     Raises
     ------
     BadInput
-        If the scene has no perspective camera, no lamp, no such target, or nothing in the middle of the image, if the
-        camera is invalid, or if no scale lets its lens blur the target.
+        If the scene has no perspective camera, or none of this name, no lamp, no such target, or nothing in the middle
+        of the image, if the camera is invalid, or if no scale lets its lens blur the target.
     """
     backend.activate_backend("scalar")
     described = mitsuba_scene.parse_scene_dict(read.text, path)
@@ -105,7 +108,7 @@ def exported_camera(
     lamps = mitsuba_scene.emitter_names(described)
     if not lamps:
         raise BadInput("the scene has no lamp", where=str(path), hint="export its lamps, or add a lamp")
-    props, film, others = _first_camera(read, path)
+    props, film, others = _chosen_camera(read, path, name=camera)
     pose = _pose(props, path)
     origin, ahead, up = pose
     size = _film_size(film)
@@ -113,15 +116,23 @@ def exported_camera(
     loaded, _ = mitsuba_scene.load_lit_scene(described, tuple(lamps), max_depth=2, where=str(path))
     if target:
         names = _named(target, mitsuba_scene.shape_names(described), nodes=nodes, path=path)
-        units = _distance(loaded, names, pose=pose, half=half, path=path)
+        units = _distance(loaded, names, pose=pose, half=half)
+        if units is None:
+            problem = f"{_name(props) if others else 'the camera'} does not see {names[0]!r}"
+            raise BadInput(problem, where=str(path), hint=f"aim it, or choose another target{_or(others)}")
     else:
-        seen, units = _in_the_middle(loaded, origin=origin, ahead=ahead, path=path)
+        middle = _in_the_middle(loaded, origin=origin, ahead=ahead)
+        if middle is None:
+            frame = f"image of {_name(props)}" if others else "camera's image"
+            hint = f"aim the camera at the target and export again, or name the target with --target{_or(others)}"
+            raise BadInput(f"nothing is in the middle of the {frame}", where=str(path), hint=hint)
+        seen, units = middle
         names = tuple(name for name, node in nodes.items() if node == nodes.get(seen)) or (seen,)
     image = SENSOR_WIDTH_M / 2 / half
     unit_m, f_number, scale_notes = _scale(props, units, image_m=image, path=path)
     distance = units * unit_m
     return ExportedCamera(
-        name=f"{props.plugin_name()} {props.id()}",
+        name=f"{props.plugin_name()} {props.id()}".rstrip(),
         origin_m=tuple((origin * unit_m).tolist()),
         look_at_m=tuple(((origin + units * ahead) * unit_m).tolist()),
         up=tuple(up.tolist()),
@@ -133,23 +144,20 @@ def exported_camera(
         unit_m=unit_m,
         notes=(
             *scale_notes,
-            *_left_out(props, others, read=read, film=film, units=units),
+            *_other_cameras(props, others),
+            *_left_out(props, read, film=film, units=units),
             *_turned_away(loaded, pose=pose, half=half),
             *((hues,) if hues else ()),
         ),
     )
 
 
-def _in_the_middle(scene: Any, *, origin: np.ndarray, ahead: np.ndarray, path: Path) -> tuple[str, float]:
-    """Return the shape in the middle of the picture, and its distance (scene units)."""
+def _in_the_middle(scene: Any, *, origin: np.ndarray, ahead: np.ndarray) -> tuple[str, float] | None:
+    """Return the shape in the middle of the picture, and its distance (scene units), or None."""
     sight = PinholeSight(scene, ())
     ends = sight.follow(origin[None], ahead[None])
     if not ends.seen[0]:
-        raise BadInput(
-            "nothing is in the middle of the camera's image",
-            where=str(path),
-            hint="aim the camera at the target and export again, or name the target with --target",
-        )
+        return None
     # The line may go on through clear surfaces, and end behind them or nowhere.
     number, instance, point = ends.at_last(0)
     return sight.name_of(instance) or sight.name_of(number), float(ahead @ (point - origin))
@@ -186,23 +194,21 @@ def _turned_away(scene: Any, *, pose: tuple[np.ndarray, ...], half: float) -> It
         yield f"surfaces that turn their back to the lens are black: {', '.join(names)} (make them twosided)"
 
 
-def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...], half: float, path: Path) -> float:
-    """Return the median distance (scene units) of a target in a picture of 40 × 25 pixels."""
+def _distance(scene: Any, names: tuple[str, ...], *, pose: tuple[np.ndarray, ...], half: float) -> float | None:
+    """Return the median distance (scene units) of a target in a picture of 40 × 25 pixels, None if it is not seen."""
     origin, ahead, _ = pose
     rays = _rays(pose, half=half)
     ends = PinholeSight(scene, names).follow(np.tile(origin, (len(rays), 1)), rays)
     if not ends.on_target.any():
-        raise BadInput(
-            f"the camera does not see {names[0]!r}", where=str(path), hint="aim it, or choose another target"
-        )
+        return None
     return float(np.median((ends.point[ends.on_target] - origin) @ ahead))
 
 
-def source_pictures(path: Path, grid: SensorGrid, *, samples: int, count: int = 2) -> np.ndarray:
-    """Return the luminance of what the first perspective camera of a scene sees as a pinhole, float32 (n, row, col).
+def source_pictures(path: Path, grid: SensorGrid, *, samples: int, count: int = 2, camera: str = "") -> np.ndarray:
+    """Return the luminance of what a perspective camera of a scene sees as a pinhole, float32 (n, row, col).
 
     Mitsuba renders it in RGB, with light along paths of up to six segments, and with the width of the file's picture,
-    ``count`` times with other noise.
+    ``count`` times with other noise. ``camera`` is the id of the camera, in place of the first.
 
     Raises BadInput if the scene cannot be read or has no such camera.
     """
@@ -211,11 +217,11 @@ def source_pictures(path: Path, grid: SensorGrid, *, samples: int, count: int = 
     described = mitsuba_scene.parse_scene_dict(read.text, path)
     lamps = tuple(mitsuba_scene.emitter_names(described))
     loaded, integrator = mitsuba_scene.load_lit_scene(described, lamps, max_depth=6, where=str(path))
-    props, film, _ = _first_camera(read, path)
+    props, film, _ = _chosen_camera(read, path, name=camera)
     pose = np.array(props.get("to_world", mi.ScalarTransform4f()).matrix, dtype=np.float64)
     pose[:, :3] /= np.linalg.norm(pose[:, :3], axis=0)  # a camera may be scaled, and Mitsuba refuses that
     kept = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
-    camera = mi.load_dict(
+    pinhole = mi.load_dict(
         {
             "type": "perspective",
             **{key: props[key] for key in kept if key in props},
@@ -226,7 +232,7 @@ def source_pictures(path: Path, grid: SensorGrid, *, samples: int, count: int = 
             "sampler": {"type": "independent", "sample_count": samples},
         }
     )
-    images = [render_with_camera(loaded, camera, integrator=integrator, samples=samples, seed=n) for n in range(count)]
+    images = [render_with_camera(loaded, pinhole, integrator=integrator, samples=samples, seed=n) for n in range(count)]
     return np.reshape(images, (count, grid.rows, grid.columns))
 
 
@@ -306,10 +312,35 @@ def _scale(props: Any, units: float, *, image_m: float, path: Path) -> tuple[flo
     return unit_m, f_number, tuple(notes)
 
 
-def _left_out(props: Any, others: list[str], *, read: SceneXml, film: Element | None, units: float) -> Iterator[str]:
+def _other_cameras(props: Any, others: list[Any]) -> Iterator[str]:
+    """Yield a line that names the cameras that are not taken."""
+    if others:
+        how = "; --camera takes another" if _or(others) else ""
+        yield f"cameras ignored: {some_of(map(_label, others))} ({_name(props)} is taken{how})"
+
+
+def _label(props: Any) -> str:
+    """Return the kind of a camera, and its id if it has one."""
+    return f"{props.plugin_name()} {props.id()!r}" if props.id() else props.plugin_name()
+
+
+def _name(props: Any) -> str:
+    """Return the words for the camera that is taken; a camera without an id cannot be chosen."""
+    return f"the camera {props.id()!r}" if props.id() else "the first perspective camera"
+
+
+def _or(others: list[Any]) -> str:
+    """Return the part of a hint that names the other cameras that can be chosen."""
+    names = _ids(others)
+    return f", or take another camera with --camera: {some_of(names)}" if names else ""
+
+
+def _ids(cameras: list[Any]) -> list[str]:
+    return [props.id() for props in cameras if props.plugin_name() in PERSPECTIVE and props.id()]
+
+
+def _left_out(props: Any, read: SceneXml, *, film: Element | None, units: float) -> Iterator[str]:
     """Yield a line for each setting of the file that changes its picture but not that of the card."""
-    for name in others:
-        yield f"camera ignored: {name} (the first perspective camera is taken, {props.id()!r})"
     for key, axis in (("principal_point_offset_x", "sideways"), ("principal_point_offset_y", "up or down")):
         if shift := _number(props, key):
             yield f"lens shift ignored: {key} {shift:g}, so the picture moves {axis} by {abs(shift):.0%} of its width"
@@ -360,10 +391,10 @@ def _number(props: Any, key: str) -> float:
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
 
 
-def _first_camera(read: SceneXml, path: Path) -> tuple[Any, Element | None, list[str]]:
-    """Return the properties of the first perspective camera, upgraded from older versions of Mitsuba, and its film.
+def _chosen_camera(read: SceneXml, path: Path, *, name: str) -> tuple[Any, Element | None, list[Any]]:
+    """Return the properties of the first perspective camera, or of that of this name, and its film.
 
-    The names of all other cameras are returned too.
+    Properties are upgraded from older versions of Mitsuba. Those of all other cameras are returned too.
     """
     config = mi.parser.ParserConfig("scalar_rgb")
     try:
@@ -372,16 +403,20 @@ def _first_camera(read: SceneXml, path: Path) -> tuple[Any, Element | None, list
     except (RuntimeError, ValueError, TypeError) as error:
         raise parse_refusal(error, path) from error
     sensors = [node.props for node in state.nodes if node.type == mi.ObjectType.Sensor]
-    names = [f"{props.plugin_name()} {props.id()!r}" for props in sensors]
-    for n, props in enumerate(sensors):
-        if props.plugin_name() in ("perspective", "thinlens"):
-            return props, read.films[n], names[:n] + names[n + 1 :]
-    raise BadInput(
-        f"the scene has no perspective camera{', but ' + ', '.join(names) if names else ''}",
-        where=str(path),
-        allowed="perspective, thinlens",
-        hint="export a perspective camera",
-    )
+    able = [n for n, props in enumerate(sensors) if props.plugin_name() in PERSPECTIVE]
+    if not able:
+        raise BadInput(
+            f"the scene has no perspective camera{', but ' + some_of(map(_label, sensors)) if sensors else ''}",
+            where=str(path),
+            allowed=", ".join(PERSPECTIVE),
+            hint="export a perspective camera",
+        )
+    chosen = next((n for n in able if name in ("", sensors[n].id())), None)
+    if chosen is None:
+        hint = "" if len(ids := _ids(sensors)) == len(able) else "a camera without an id cannot be chosen: give it one"
+        problem, nearest = f"unknown perspective camera {name!r}", closest(name, ids)
+        raise BadInput(problem, where=str(path), allowed=some_of(ids, name), nearest=nearest, hint=hint)
+    return sensors[chosen], read.films[chosen], sensors[:chosen] + sensors[chosen + 1 :]
 
 
 def _pose(props: Any, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -38,9 +38,9 @@ def write_export(folder, content, *, k=1.0, kind="perspective", camera="", more=
 def taken(own_folder):
     """Import an export, and return the scene and the lines that were said."""
 
-    def take(path):
+    def take(path, **how):
         said = []
-        scene_from_export(path, "taken", root=own_folder / "scenes", notify=said.append)
+        scene_from_export(path, "taken", root=own_folder / "scenes", notify=said.append, **how)
         return find_scene("taken"), said
 
     return take
@@ -154,7 +154,7 @@ CAMERAS = {
         ' type="homogeneous"/></shape>',
         "medium ignored: haze",
     ),
-    "two": ("perspective", "", '<sensor type="orthographic" id="Top"/>', "camera ignored: orthographic 'Top'"),
+    "two": ("perspective", "", '<sensor type="orthographic" id="Top"/>', "cameras ignored: orthographic 'Top'"),
 }
 
 
@@ -172,6 +172,35 @@ def test_what_a_camera_says_is_taken_or_named_in_one_line(own_folder, taken, kin
         assert len(others) == 1
         assert others[0].startswith(line)
     assert not [text for text in said if "\n" in text]
+
+
+def with_two_cameras(folder, *, ids=("Camera", "Side")):
+    """Write an export whose second camera looks away."""
+    away = '<lookat origin="0, 0, 0.55" target="0, 9, 0.55" up="0, 0, 1"/>'
+    more = f'<sensor type="thinlens" id="Side"><transform name="to_world">{away}</transform></sensor>'
+    path = write_export(folder, PRINT.format(size=0.1), more=more)
+    text = path.read_text()
+    for old, new in zip(("Camera", "Side"), ids, strict=True):
+        text = text.replace(f' id="{old}"', f' id="{new}"' if new else "")
+    path.write_text(text)
+    return path
+
+
+def test_one_of_several_cameras_is_chosen_by_its_id(own_folder, taken):
+    path = with_two_cameras(own_folder)
+    assert "the image of the camera 'Side'; aim" in str(refusal(taken, path, camera="Side"))
+    assert "allowed: Camera, Side; did you mean 'Side'?" in str(refusal(taken, path, camera="Slide"))
+    _, said = taken(path, camera="Camera")
+    assert "cameras ignored: thinlens 'Side' (the camera 'Camera' is taken; --camera takes another)" in said
+
+
+def test_cameras_without_an_id_cannot_be_chosen(own_folder, taken):
+    path = with_two_cameras(own_folder, ids=("", ""))
+    error = refusal(taken, path, camera="Side")
+    assert "perspective camera 'Side'; a camera without an id cannot be chosen: give it one" in str(error)
+    scene, said = taken(path)
+    assert "cameras ignored: thinlens (the first perspective camera is taken)" in said
+    assert "# from the file: perspective\n" in (scene.folder / "scene.yaml").read_text()
 
 
 @pytest.mark.parametrize("kind", ["orthographic", "distant", "radiancemeter", "irradiancemeter"])

@@ -24,10 +24,10 @@ SOURCE = """<scene version="3.0.0">
 
 @pytest.fixture
 def take(own_folder):
-    def import_scene(paper="0.8", lamp="1"):
-        (own_folder / "source.xml").write_text(SOURCE.format(paper=paper, lamp=lamp))
+    def import_scene(paper="0.8", lamp="1", source=SOURCE, **how):
+        (own_folder / "source.xml").write_text(source.format(paper=paper, lamp=lamp))
         lines = []
-        scene_from_export(own_folder / "source.xml", "two", root=own_folder / "scenes", notify=lines.append)
+        scene_from_export(own_folder / "source.xml", "two", root=own_folder / "scenes", notify=lines.append, **how)
         return own_folder / "scenes/two", lines
 
     return import_scene
@@ -62,6 +62,17 @@ def test_a_camera_that_is_not_that_of_the_source_shows(take, edit):
     assert edit[0] in text
     card.write_text(text.replace(*edit))
     assert (largest(compare_with_source(folder, variant="scalar")) > 0.2) == ("look_at_m" in edit[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", ["", "Eye"])
+def test_a_chosen_camera_is_compared_with_that_of_the_source(take, camera):
+    second = SOURCE.replace(
+        '<sensor type="perspective">', '<sensor type="perspective" id="Sky"/><sensor type="perspective" id="Eye">'
+    )
+    folder, _ = take(source=second, camera="Eye")
+    line = compare_with_source(folder, camera=camera, variant="scalar")
+    assert (largest(line) < 0.05) == (camera == "Eye")
 
 
 @pytest.mark.parametrize(

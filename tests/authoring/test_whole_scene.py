@@ -110,6 +110,15 @@ def second(kind):
     return file
 
 
+def several(*, towards):
+    """Return a file whose first camera looks away from the cards, with a second one, and one from above."""
+    file = whole(POINT, name="Away", rotation=turned(90))
+    file.json["cameras"].append({"type": "orthographic", "orthographic": {"xmag": 1}})
+    file.add_node(camera=0, name="Eye", translation=[0, 0, FAR], rotation=turned(towards))
+    file.add_node(camera=1, name="Top", translation=[0, 5, 0])
+    return file
+
+
 def with_area_lamp():
     file = whole(POINT)
     file.add_node(name="Area")
@@ -123,9 +132,9 @@ def lamp(**changes):
 LINES = {
     "two cameras": (
         lambda: second("perspective"),
-        "camera ignored: perspective 'Top' (the first perspective camera is",
+        "cameras ignored: perspective 'Top' (the camera 'Eye' is taken; --camera takes another)",
     ),
-    "one from above": (lambda: second("orthographic"), "camera ignored: orthographic 'Top'"),
+    "one from above": (lambda: second("orthographic"), "cameras ignored: orthographic 'Top' (the camera 'Eye' is"),
     "16:9": (
         lambda: whole(POINT, camera={"aspectRatio": 16 / 9}),
         "film size ignored: 1778 × 1000 (the width is kept; more is seen at the top and bottom",
@@ -162,6 +171,34 @@ def test_what_is_not_as_in_the_file_is_one_line(take, make, line):
     assert f"- {others[0]}\n" in (scene.folder / "SOURCE.md").read_text()
     seen = SceneRenderer(scene, GRID, backend_name="scalar").trace_geometry()
     assert seen.target.all()
+
+
+def test_one_of_several_cameras_is_chosen_by_its_name(take):
+    scene, lines = take(several(towards=0), camera="Eye")
+    assert scene.card.camera.look_at_m == pytest.approx((0, 0, 0), abs=1e-6)
+    assert "perspective Eye" in (scene.folder / "scene.yaml").read_text()
+    ignored = "perspective 'Away', orthographic 'Top' (the camera 'Eye' is taken; --camera takes another)"
+    assert f"cameras ignored: {ignored}" in lines
+
+
+CHOICES = {
+    "looks away": ({}, "nothing is in the middle of the image of the camera 'Away'; aim | with --camera: Eye"),
+    "sees no target": ({"target": "card"}, "the camera 'Away' does not see 'mesh_card'; aim | with --camera: Eye"),
+    "both look away": ({"camera": "Eye"}, "the image of the camera 'Eye'; aim | with --camera: Away"),
+    "unknown": ({"camera": "eye"}, "unknown perspective camera 'eye'; allowed: Away, Eye; did you mean 'Eye'?"),
+    "from above": ({"camera": "Top"}, "unknown perspective camera 'Top'; allowed: Away, Eye"),
+}
+
+
+@pytest.mark.parametrize(("how", "message"), CHOICES.values(), ids=CHOICES.keys())
+def test_a_refusal_names_the_camera_and_those_that_could_be_taken(take, how, message):
+    assert_says(refusal(take, several(towards=90), **how), message)
+
+
+def test_a_mesh_alone_has_no_camera_to_choose(take):
+    file = whole()
+    file.json["cameras"] = [{"type": "orthographic", "orthographic": {"xmag": 1}}]
+    assert_says(refusal(take, file, camera="Eye"), "no camera with a perspective, and --camera names 'Eye'")
 
 
 def test_without_a_lamp_the_scene_is_lit_by_that_of_the_template(take):
