@@ -34,7 +34,7 @@ def with_texture(key):
 
 def on_file(**top):
     def change(file):
-        file.add_card()
+        material()(file)
         file.json |= top
 
     return change
@@ -42,7 +42,7 @@ def on_file(**top):
 
 def with_nodes(*nodes):
     def change(file):
-        file.add_card()
+        material()(file)
         for node in nodes:
             file.add_node(**node)
 
@@ -56,18 +56,26 @@ def with_orthographic_camera(file):
 
 def with_attribute(key):
     def change(file):
-        file.add_card(attributes={key: file.add_array(np.ones((4, 3), np.float32))})
+        paper = file.add_material(name="paper")
+        file.add_card(attributes={key: file.add_array(np.ones((4, 3), np.float32))}, material=paper)
 
     return change
 
 
 def with_normals_of_no_length(file):
-    file.add_card(attributes={"NORMAL": file.add_array(np.zeros((4, 3), np.float32))})
+    normals = {"NORMAL": file.add_array(np.zeros((4, 3), np.float32))}
+    file.add_card(attributes=normals, material=file.add_material(name="paper"))
 
 
 def with_hidden_part(file):
-    file.add_card(name="shown")
+    file.add_card(name="shown", material=file.add_material(name="paper"))
     file.add_card(name="hidden", material=file.add_material(pbr={"baseColorFactor": [1, 1, 1, 0]}, alphaMode="BLEND"))
+
+
+def without_material(file):
+    """Two cards without one, of which the second has colours of its vertices."""
+    file.add_card(name="plain")
+    file.add_card(name="coloured", attributes={"COLOR_0": file.add_array(np.ones((4, 3), np.float32))})
 
 
 def extension(name, **values):
@@ -95,6 +103,7 @@ SAID = [
     (with_nodes({"extensions": {"KHR_lights_punctual": {"light": 0}}, "name": "sun"}), "lamps ignored: sun"),
     (with_attribute("COLOR_1"), "second vertex colours ignored: card"),
     (with_normals_of_no_length, "normals ignored, some have no length: card"),
+    (without_material, "no material, so it reflects 0.6: plain"),
     (with_hidden_part, "shapes left out, they cannot be seen: hidden"),
 ]
 

@@ -31,7 +31,7 @@ def take(own_folder):
 def whole(*lamps, camera=None, material=None, cards=("card",), **eye):
     """Return a file of matt cards at z = 0, a camera 3 m away that sees 0.12 × 0.075 m, and lamps as nodes."""
     file = Gltf()
-    number = None if material is None else file.add_material(name="paint", **material)
+    number = file.add_material(name="paint", **(material or {"pbr": {"baseColorFactor": [0.6, 0.6, 0.6, 1]}}))
     for name in cards:
         file.add_card(name=name, material=number)
     file.add_node(**{"camera": 0, "name": "Eye", "translation": [0, 0, FAR], **eye})
@@ -125,6 +125,12 @@ def with_area_lamp():
     return file
 
 
+def with_bare_card():
+    file = whole(POINT)
+    file.add_card(name="bare", node={"translation": [3, 0, 0]})
+    return file
+
+
 def lamp(**changes):
     return whole((POINT[0], {**POINT[1], **changes}))
 
@@ -155,6 +161,7 @@ LINES = {
         lambda: whole(POINT, material={"extensions": {"KHR_materials_clearcoat": {}}}),
         "clearcoat ignored: paint",
     ),
+    "no material": (with_bare_card, "no material, so it reflects 0.6: bare"),
     "far": (
         lambda: whole(POINT, camera={"yfov": 0.3}),
         "scale: 3 m away, f/2 blurs the target by 0.76 pixels at the ends of the travel; so the card has unit_m: 0.1",

@@ -302,6 +302,8 @@ class _Gltf:
         if primitive.material is not None:
             material = self.document.materials[primitive.material]
             surface = self._surface(material, material.name or name, visual=visual)
+        elif colours is None:  # the format's own is a white metal, and Blender shows 0.8
+            self.left_out.add(f"no material, so it reflects {GREY[0]:g}", name)
         if colours is not None and (colours[:, 3:] < 1).any() and surface.alpha != "opaque":
             self.left_out.add("opacity of vertices ignored", name)
         linear = world[:3, :3]
