@@ -14,7 +14,7 @@ import numpy as np
 from saf_gen.authoring.mesh_scene import is_mesh, left_out_text, scene_of_mesh
 from saf_gen.authoring.whole_scene import describe_lack_of_camera, read_whole_scene
 from saf_gen.core.files import rename_durably, temporary_folder, unwritable
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, escape_controls
 from saf_gen.scene.obj_file import counts_from_the_end, with_positive_indices
 from saf_gen.scene.picture_card import FOLDER, MIN_PICTURES
 from saf_gen.scene.ply_file import is_ply, triangulated_ply
@@ -30,7 +30,7 @@ RESERVED_FILES = ("scene.xml", "scene.yaml", "scene.py", "SOURCE.md")
 EXPORTED_SOURCE = """# NAME
 
 Copied from an exported scene by `saf-gen scenes new --from`.
-For each mesh and texture, state here who made it, where it is from, its licence, and what was changed.
+LEFT_OUTFor each mesh and texture, state here who made it, where it is from, its licence, and what was changed.
 """
 WHOLE_SOURCE = """# NAME
 
@@ -150,8 +150,10 @@ def scene_from_export(
                 taken = _add_lamp(folder / "scene.xml", taken)
                 lines.append("no lamp in the file: a lamp beside the camera and light from all around are added")
             written = list(whole.files)
-            source = WHOLE_SOURCE.replace("FILE", exported.name).replace("LEFT_OUT", left_out_text(lines))
-        texts = {"scene.yaml": _format_card(name, taken), "SOURCE.md": re.sub(r"\bNAME\b", name, source)}
+            source = WHOLE_SOURCE.replace("FILE", exported.name)
+        lines = [escape_controls(line) for line in dict.fromkeys(lines)]
+        source = re.sub(r"\bNAME\b", name, source).replace("LEFT_OUT", left_out_text(lines))
+        texts = {"scene.yaml": _format_card(name, taken), "SOURCE.md": source}
         _write({file: text.encode() for file, text in texts.items()}, folder)
         try:
             load_scene(folder)  # checks the card
@@ -162,7 +164,7 @@ def scene_from_export(
                 allowed=refused.allowed,
                 hint="change the camera and export again, or write the card by hand",
             ) from refused
-    for line in dict.fromkeys(lines):
+    for line in lines:
         notify(line)
     return [root / name / file for file in (*written, *texts)]
 

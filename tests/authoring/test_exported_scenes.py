@@ -171,6 +171,9 @@ def test_what_a_camera_says_is_taken_or_named_in_one_line(own_folder, taken, kin
     else:
         assert len(others) == 1
         assert others[0].startswith(line)
+    source = (scene.folder / "SOURCE.md").read_text()
+    assert [text for text in source.splitlines() if text.startswith("- ")] == [f"- {text}" for text in said]
+    assert ("Not everything in the file is used" in source) == bool(said)
     assert not [text for text in said if "\n" in text]
 
 
