@@ -1,5 +1,6 @@
 """The commands ``scenes list``, ``show``, ``new``, ``from-pictures``, ``check`` and ``preview``."""
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -25,7 +26,7 @@ from saf_gen.cli._terminal import (
 )
 from saf_gen.cli.command import Command, Panel
 from saf_gen.core.table import Column, Table
-from saf_gen.errors import BadInput, SafGenError, escape_controls
+from saf_gen.errors import MAX_NAMES, BadInput, SafGenError, escape_controls
 
 if TYPE_CHECKING:
     from saf_gen.camera import Sensor
@@ -114,7 +115,7 @@ def new_scene_command(
         raise BadInput(f"--{option} is given without --from", hint=f"write the {option} of a template on its card")
     else:
         written = scene_from_template(name, root, kind="xml" if xml else "script")
-    for line in [*map(str, written), *left_out]:
+    for line in [*_list_files(written), *left_out]:
         out.print(line, soft_wrap=True)
     from saf_gen.scene.xml import read_scene_xml
 
@@ -131,6 +132,13 @@ def new_scene_command(
     out.print(
         f"next: saf-gen scenes check {name}; saf-gen scenes preview {name}; then write its licence into scene.yaml"
     )
+
+
+def _list_files(paths: list[Path]) -> list[str]:
+    """Return a line for each file, or for the folder of more than MAX_NAMES."""
+    counts = Counter(path.parent for path in paths)
+    lines = (f"{p.parent}: {n} files" if (n := counts[p.parent]) > MAX_NAMES else str(p) for p in paths)
+    return list(dict.fromkeys(lines))
 
 
 def _trust(root: Path, *, empty: bool) -> None:

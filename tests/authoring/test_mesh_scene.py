@@ -123,6 +123,20 @@ def test_a_mesh_that_cannot_be_placed_is_refused_and_leaves_nothing(here, name, 
     assert not (here / "scenes").exists()
 
 
+@pytest.mark.parametrize("count", [8, 9])
+def test_the_files_of_a_folder_are_named_or_if_they_are_many_counted(here, call, count):
+    file = Gltf()
+    paper = file.add_material()
+    for k in range(count):
+        file.add_card(name=str(k), material=paper)
+    file.save(here / "cards.glb")
+    code, out, _ = call("scenes", "new", "cards", "--from", "cards.glb")
+    meshes = [line for line in out.splitlines() if line.startswith("scenes/cards/meshes")]
+    named = [f"scenes/cards/meshes/mesh_{k}.ply" for k in range(count)]
+    assert (code, meshes) == (0, named if count == 8 else ["scenes/cards/meshes: 9 files"])
+    assert {"scenes/cards/scene.xml", "scenes/cards/scene.yaml", "scenes/cards/SOURCE.md"} < {*out.splitlines()}
+
+
 def test_the_command_says_what_it_leaves_out_and_a_refusal_is_one_line(here, call):
     file = Gltf()
     file.add_card(

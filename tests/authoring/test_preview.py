@@ -232,6 +232,7 @@ def test_new_then_preview(call, call_scenes, tmp_path, monkeypatch):
     [
         (("new", "Mine"), "did you mean 'mine'?"),
         (("new", "mine", "--xml", "--from", "x.xml"), "--xml and --from are both given; leave --xml out"),
+        (("new", "mine", "--camera", "Eye"), "--camera is given without --from; write the camera of a template on its"),
         (("new", "mine", "--from", "x.xml"), "x.xml cannot be read: No such file or directory"),
         (("preview", "mein"), "unknown scene 'mein'"),
     ],
