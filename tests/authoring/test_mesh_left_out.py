@@ -323,7 +323,10 @@ def whole_glb(tmp_path):
         (lambda data: data[:40], "bytes, and says"),
         (lambda data: data[:9], "not a complete GLB"),
         (lambda data: data + b"\0" * 8, "bytes, and says"),
-        (lambda data: data[:4] + struct.pack("<I", 1) + data[8:], "does not begin with glTF 2"),
+        (
+            lambda data: data[:4] + struct.pack("<I", 1) + data[8:],
+            "a.glb: the file is glTF 1.0; allowed: 2.0; export it again",
+        ),
         (lambda data: data[:8] + struct.pack("<I", 1 << 31) + data[12:], "bytes, and says"),
         (lambda data: data[:12] + struct.pack("<I", 1 << 31) + data[16:], "not a complete GLB"),
         (lambda data: data[:16] + b"WXYZ" + data[20:], "not a complete GLB"),
@@ -435,6 +438,16 @@ def test_an_obj_file_that_cannot_be_read_is_refused(tmp_path, text, mtl, message
     Image.new("I;16", (4, 4)).save(tmp_path / "in/deep.png")
     (tmp_path / "in/a.obj").write_text(text)
     assert_says(refusal(scene_of_mesh, tmp_path / "in/a.obj", "mine"), message)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("file", ["a.obj", "a.mtl"])
+def test_obj_files_that_are_not_utf_8_are_refused_without_their_bytes(tmp_path, encoding, file):
+    texts = {"a.obj": "mtllib a.mtl\n" + V + F, "a.mtl": "newmtl m\nKd 1 0 0\n"}
+    for name, text in texts.items():
+        (tmp_path / name).write_bytes(text.encode(encoding if name == file else "utf-8"))
+    error = refusal(scene_of_mesh, tmp_path / "a.obj", "mine")
+    assert str(error) == f"{tmp_path / file}: this is not text in UTF-8 or ASCII; save it as UTF-8"
 
 
 @pytest.mark.parametrize(

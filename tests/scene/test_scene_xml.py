@@ -280,6 +280,10 @@ def test_a_doctype_is_refused(written, text):
     ("elements", "message"),
     [
         ('<shape type="blender"><integer name="loop_tris" value="1"/></shape>', "it reads Blender's memory"),
+        (
+            '<shape type="serialized"/>',
+            "<shape>: serialized is not read; allowed: ply; export it as PLY, or convert it",
+        ),
         ('<shape type="../../../tmp/evil"/>', "<shape>: unknown type '../../../tmp/evil'; allowed: bspl"),
         ('<bsdf type="twosided"><bsdf type="mine"/></bsdf>', "scene.xml:2: <bsdf>: unknown type 'mine'"),
         ("<shape/>", "<shape>: type is missing"),

@@ -168,6 +168,8 @@ def _split_container(data: bytes, path: Path) -> tuple[bytes, bytes]:
     chunks, at = dict[bytes, bytes](), 12
     try:
         magic, version, length = struct.unpack_from("<4sII", data)
+        if magic == b"glTF" and version == 1:
+            raise BadInput("the file is glTF 1.0", where=str(path), allowed="2.0", hint="export it again")
         if magic != b"glTF" or version != 2:
             raise ValueError("it does not begin with glTF 2")
         if length != len(data):

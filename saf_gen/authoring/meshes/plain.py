@@ -81,7 +81,7 @@ def read_obj(path: Path, left_out: LeftOut) -> list[Shape]:
     known: dict[str, _Corner] = {}
     faces: dict[tuple[str, tuple[bool, bool]], _Faces] = {}  # corners of one material may have several forms
     library = material = ""
-    for line, key, words in _lines(read_bytes(path)):
+    for line, key, words in _lines(read_bytes(path), path):
         try:
             if key in COUNTS:
                 if widths.setdefault(key, len(words)) != len(words) or len(words) not in COUNTS[key]:
@@ -149,8 +149,10 @@ def read_obj(path: Path, left_out: LeftOut) -> list[Shape]:
     return shapes
 
 
-def _lines(data: bytes) -> Iterator[tuple[int, str, list[str]]]:
-    """Yield the number, keyword and other words of each line; a backslash continues a line."""
+def _lines(data: bytes, path: Path) -> Iterator[tuple[int, str, list[str]]]:
+    """Yield the number, keyword and other words of each line of a file; a backslash continues a line."""
+    if b"\0" in data:  # also in UTF-16, between the letters
+        raise BadInput("this is not text in UTF-8 or ASCII", where=str(path), hint="save it as UTF-8")
     pending, first = "", 0
     for number, raw in enumerate(data.removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
         text = raw.decode("utf-8", "replace").rstrip()
@@ -201,7 +203,7 @@ def _looks(library: str, used: Iterable[str], *, path: Path, left_out: LeftOut) 
     entries: dict[str, dict[str, list[str]]] = {}
     entry: dict[str, list[str]] = {}
     data = read_beside(library, path, what="material library") if library and used else b""
-    for _, key, words in _lines(data):
+    for _, key, words in _lines(data, path.parent / library):
         if key.lower() == "newmtl":
             entry = entries.setdefault(" ".join(words), {})
         else:

@@ -161,6 +161,12 @@ NOT_RENDERED = {
 }
 """Plug-ins that need Mitsuba's spectral modes, or whose light the paths of this renderer miss, and what to use."""
 
+NOT_READ = {
+    "blender": "it reads Blender's memory: export meshes as PLY",
+    "serialized": "export it as PLY, or convert it with Mitsuba's Mesh.write_ply",  # damaged, it ends the process
+}
+"""Shapes of Mitsuba that are not safe to read, and what to use instead."""
+
 OTHER_ELEMENTS = frozenset(
     (
         *("boolean", "integer", "float", "string", "point", "vector", "rgb", "spectrum", "transform", "ref"),
@@ -190,11 +196,9 @@ def vet_element(element: Element, folder: Path, *, convertible: bool = False, in
         if plugin in NOT_RENDERED:
             raise BadInput(f"{plugin} is not rendered", where=element.where, allowed=NOT_RENDERED[plugin])
         if plugin not in ALLOWED_PLUGINS[tag]:
+            if plugin in NOT_READ:
+                raise BadInput(f"{plugin} is not read", where=element.where, allowed="ply", hint=NOT_READ[plugin])
             hint = "no other plug-in is loaded from an XML scene"
-            if plugin == "blender":
-                hint = "it reads Blender's memory: export meshes as PLY"
-            if plugin == "serialized":  # a damaged file ends the process of Mitsuba without a message
-                hint = "convert it to PLY with Mitsuba's Mesh.write_ply"
             raise unknown("type", plugin, allowed=ALLOWED_PLUGINS[tag], where=element.where, hint=hint)
     if tag == "spectrum" and "filename" in attributes:
         files.append(resolve_file(element, "filename", folder=folder))
