@@ -1,6 +1,7 @@
 """The check of an imported scene: its source's own camera, rendered by Mitsuba in RGB, beside the imported scene.
 
-What an import reads otherwise than Mitsuba shows there, be it a pose, a lamp or a colour.
+Mitsuba reads no glTF: the source is then the scene.xml that was written from it. What an import reads otherwise than
+Mitsuba shows there, be it a pose, a lamp or a colour.
 """
 
 from pathlib import Path
@@ -40,7 +41,7 @@ def compare_with_source(folder: Path, *, camera: str = "", variant: str = "auto"
     place = f"{(column + 0.5) * BLOCK / COLUMNS:.0%} from the left, {(row + 0.5) * BLOCK / ROWS:.0%} from the top"
     rms, noise_rms = (np.sqrt(np.mean(share**2)) for share in (apart, noise))
     return (
-        f"picture: apart from Mitsuba's of the source by at most {apart[row, column]:.0%} (noise: {noise.max():.0%}), "
+        f"picture: apart from Mitsuba's of scene.xml by at most {apart[row, column]:.0%} (noise: {noise.max():.0%}), "
         f"{place}, and by {rms:.1%} rms (noise: {noise_rms:.1%}); "
         f"{folder / COMPARISON} shows source, scene and difference"
     )

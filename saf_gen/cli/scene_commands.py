@@ -126,7 +126,7 @@ def new_scene_command(
             with at_work("rendering the scene beside its source"):
                 line = compare_with_source(root / name, camera=camera)
         except BadInput as refused:
-            line = f"picture: not compared with that of the source: {refused}"
+            line = f"picture: not compared with Mitsuba's of scene.xml: {refused}"
         out.print(line, soft_wrap=True)
     _trust(root, empty=empty)
     out.print(

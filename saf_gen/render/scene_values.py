@@ -87,8 +87,8 @@ def worst_hue(described: Mapping[str, Any]) -> str:
                 worst = abs(here - truth)
                 line = (
                     f"colour: the lamp {lamp!r} and the surface {surface!r} both have a hue, which the sensor does not "
-                    f"see: the surface reflects {here:.0%} of this light in place of {truth:.0%}, the largest such "
-                    "error (make one of them grey if that matters)"
+                    f"see: the surface reflects {here:.0%} of this light in place of {truth:.0%}, the largest "
+                    "error of one reflection (make one of them grey if that matters)"
                 )
     return line
 

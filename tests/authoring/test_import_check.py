@@ -42,7 +42,7 @@ def test_a_scene_as_in_its_source_differs_by_noise_alone_and_the_picture_changes
     folder, _ = take()
     digest = load_scene(folder).digest
     line = compare_with_source(folder, variant="scalar")
-    assert line.startswith("picture: apart from Mitsuba's of the source by at most ")
+    assert line.startswith("picture: apart from Mitsuba's of scene.xml by at most ")
     assert largest(line) < 0.05
     noise = [float(share) for share in re.findall(r"noise: ([\d.]+)%", line)]
     assert len(noise) == 2
@@ -83,7 +83,7 @@ def test_a_chosen_camera_is_compared_with_that_of_the_source(take, camera):
             "1, 0, 0",
             "the lamp 'sky' and the surface 'left' both have a hue, which the sensor does not see: ",
         ),
-        ("0, 1, 0", "1, 0, 0", "the surface reflects 72% of this light in place of 0%, the largest"),
+        ("0, 1, 0", "1, 0, 0", "the surface reflects 72% of this light in place of 0%, the largest error of one"),
         ("1, 0, 0", "1, 0, 0", "the surface reflects 21% of this light in place of 100%, the largest"),
         ("0, 1, 0", "2, 2, 2", None),
         ("0.5, 0.5, 0.5", "1, 0, 0", None),
