@@ -9,7 +9,7 @@ from refusals import refusal
 
 from saf_gen.errors import BadInput
 from saf_gen.stream.stream_writer import write_stream
-from studies.ranking.ceilings import find_ceilings, main
+from studies.ranking.ceilings import find_ceilings, find_peaks, main
 
 PEAK, DOF = 400.0, 0.1
 
@@ -34,18 +34,20 @@ def test_each_member_counts_once_and_sd_is_that_of_its_curve(tmp_path, capsys):
     write(tmp_path, "b", optima={"brenner": 0.02, "vollath_f4": -0.08}, sharpest=0.04)  # another light
     write(tmp_path, "c", optima={"brenner": 0.0, "vollath_f4": 0.2}, sharpest=-0.06)
     dataset = list_streams(tmp_path, {"id": "a"}, {"id": "b", "light": "mains"}, {"id": "c", "variant": 1})
-    found = {one.measure: one for one in find_ceilings(dataset)}
+    found = {one.measure: one for one in find_ceilings(find_peaks(dataset))}
     assert list(found) == ["brenner", "sd", "vollath_f4"]
     assert found["brenner"].errors_dof == pytest.approx([0.2, 0.0])
     assert found["sd"].errors_dof == pytest.approx([0.4, -0.6], abs=0.02)
     assert [found["vollath_f4"].within(limit) for limit in (0.5, 1.0, 2.0)] == [0, 0.5, 1]
     assert main([str(dataset)]) == 0
-    assert "| `vollath_f4` | 2 | 0.0% | 50.0% | 1.400 | 2.00 |" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "| `vollath_f4` | 2 | 0.0% | 50.0% | 1.400 | 2.00 |" in printed
+    assert printed.splitlines()[-1].endswith("| 2 | 0 | 1 |")
 
 
 def test_a_dataset_that_states_no_peaks_is_refused(tmp_path, capsys):
     write(tmp_path, "a")
     dataset = list_streams(tmp_path, {"id": "a"})
-    assert isinstance(refusal(find_ceilings, dataset), BadInput)
+    assert isinstance(refusal(find_peaks, dataset), BadInput)
     assert main([str(dataset), "--split", "train"]) == 2
     assert "states where curves peak" in capsys.readouterr().err
