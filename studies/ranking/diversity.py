@@ -1,6 +1,6 @@
 """Whether the members of a grammar of scenes are as diverse as scenes made by hand, by features that know no method.
 
-    python -m studies.ranking.diversity --beside RECIPE --out FOLDER [--recipe NAME] [--dataset FOLDER]
+    python -m studies.ranking.diversity --beside RECIPE --out FOLDER [--recipe NAME] [--split NAME] [--dataset FOLDER]
 
 Each member of the recipe's grammar, and each scene of the test split of ``--beside``, is rendered at rest with few
 samples, unless the focal stack of a generated dataset shows it; what is measured is kept in FOLDER, and a run that is
@@ -158,7 +158,7 @@ def draw_sheet(rows: Sequence[Row], file: Path, *, across: int = 10) -> None:
         axis.imshow(
             (row.picture / np.percentile(row.picture, 99.5)).clip(0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1
         )
-        axis.set_title(row.name.removeprefix("assorted-"), fontsize=5)
+        axis.set_title(row.name.removeprefix("assorted_moving-"), fontsize=5)
     figure.tight_layout(pad=0.2)
     figure.savefig(file, dpi=110)
     plt.close(figure)
@@ -173,14 +173,15 @@ def main(given: Sequence[str] | None = None) -> None:
     """Measure members and scenes made by hand, and write report.md, features.csv and sheet.png."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--recipe", default="saf_bench-v3")
+    parser.add_argument("--recipe", default="saf_bench")
+    parser.add_argument("--split", help="split of the recipe (default: all)")
     parser.add_argument("--beside", required=True, help="recipe with a split test of scenes made by hand")
     parser.add_argument("--dataset", type=Path, help="folder of the recipe's dataset, whose focal stacks are read")
     parser.add_argument("--members", type=int, help="measure only so many members, evenly over the splits")
     parser.add_argument("--sheet", type=int, default=60)
     asked = parser.parse_args(given)
     scenes = measure_all(list(one_each(resolve_recipe(asked.beside, split="test").sequences)), asked.out / "scenes")
-    found = list(one_each(resolve_recipe(asked.recipe).sequences))
+    found = list(one_each(resolve_recipe(asked.recipe, split=asked.split).sequences))
     chosen = found[:: max(len(found) // (asked.members or len(found)), 1)]
     stacks = asked.dataset / "stacks" if asked.dataset else None
     members = measure_all(chosen, asked.out / "members", stacks=stacks)
