@@ -168,8 +168,8 @@ def make_published(folder: Path) -> dict[str, bytes]:
 
 NAMES = (
     "../../evil.h5", "/tmp/evil.h5", "a/../../evil.h5", "C:\\evil.h5", "C:evil.h5", "con.h5", "a/NUL", "a./b.h5", "a ",
-    "manifest.json", "Manifest.JSON", "train", "TRAIN/A-constant-00.h5", ".fetch/a.h5", "a\0b", "a" * 300, "", ".",
-    ".ssh", "a//b",
+    "manifest.json", "Manifest.JSON", "folder of the other", "the other in capitals", ".fetch/a.h5", "a\0b", "a" * 300,
+    "", ".", ".ssh", "a//b",
     "sequences.csv", "readme.md", "com\u00b9.h5",
 )  # fmt: skip
 VALUES = (-1, 0, 1, 10**400, 1 << 61, "1", None, True, 1.5, [], "0" * 64, "../x", "F" * 64)
@@ -193,7 +193,10 @@ def hostile_dataset(random: np.random.Generator, files: dict[str, bytes]) -> tup
         data = bytearray(random.bytes(len(data)))
     changed[one["file"]] = bytes(data)
     if kind == "a name":
+        other = manifest["files"][1 - number]["file"]
+        taken = {"folder of the other": other.split("/")[0], "the other in capitals": other.upper()}
         name = NAMES[int(random.integers(len(NAMES)))]
+        name = taken.get(name, name)
         next(entry for entry in manifest["sequences"] if entry["file"] == one["file"])["file"] = name
         changed[name], one["file"] = bytes(data), name
     elif kind == "a value":
