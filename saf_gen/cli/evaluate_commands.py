@@ -169,7 +169,7 @@ def _print_selection(selection: "SequenceSelection", scene_motion: str | None) -
         line += f"; left out: {', '.join(f'{count} of {split}' for split, count in others.items())}"
         line += "" if "all" in {*splits, *others} else " (--split all ranks all)"
     if selection.unmade:
-        line += f"; {selection.unmade} more are planned and not made yet (saf-gen generate goes on)"
+        line += f"; {selection.unmade} more are planned and not made yet (the command that made these goes on)"
     with suppress(SystemExit):  # a pipe that is closed already must not end the evaluation
         out.print(escape_controls(line), soft_wrap=True)
 

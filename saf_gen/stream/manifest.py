@@ -35,6 +35,7 @@ ALL_SPLITS = "all"
 """The word that selects all splits together where the name of a split is expected."""
 
 StrictInteger = Annotated[int, Field(strict=True)]
+SequenceCount = Annotated[int, Field(strict=True, ge=0, le=1 << 32)]
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class Manifest:
     variant: str
     sequences: Annotated[tuple[SequenceEntry, ...], FailFast()]
     files: Annotated[tuple[PublishedFile, ...], FailFast()] = field(default=(), compare=False)
-    planned: Mapping[str, StrictInteger] = field(default_factory=dict, hash=False)
+    planned: Mapping[str, SequenceCount] = field(default_factory=dict, hash=False)
 
     @property
     def splits(self) -> tuple[str, ...]:

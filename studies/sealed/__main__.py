@@ -80,8 +80,8 @@ def draw(recipe: Path, commit: str) -> Path:
         raise BadInput(f"{drawn} exists already", hint="remove it, or work in another folder")
     digest = hashlib.sha256(f"saf-gen drawn seed\n{commit}\n{text}".encode()).digest()
     text = _replace_seed(text, str(int.from_bytes(digest[:8]) >> 1), where=recipe)
-    name = re.sub(r"^name:[ \t]*(\S+)", r"name: \1_drawn", text, flags=re.MULTILINE)
-    drawn.write_text(name, encoding="utf-8")
+    name = f"name: {yaml.safe_load(text)['name']}_drawn"
+    drawn.write_text(re.sub(r"^name:.*", lambda _: name, text, flags=re.MULTILINE), encoding="utf-8")
     return drawn
 
 

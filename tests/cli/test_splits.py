@@ -115,7 +115,15 @@ def test_what_is_planned_and_not_made_is_on_the_first_line(call, make, tmp_path)
     write_manifest(folder, replace(read_manifest(folder), planned={"train": 9, "test": 3}))
     code, out, _ = call("evaluate", folder, *METHOD, "--out", tmp_path / "out")
     assert code == 0
-    assert out.splitlines()[0].endswith("; 2 more are planned and not made yet (saf-gen generate goes on)")
+    assert out.splitlines()[0].endswith("; 2 more are planned and not made yet (the command that made these goes on)")
+    document = json.loads((folder / "manifest.json").read_text())
+    del document["checksum"]
+    for count in (-1, 1e3, 10**40):
+        document["planned"]["test"] = count
+        (folder / "manifest.json").write_text(json.dumps(document))
+        code, _, err = call("evaluate", folder, *METHOD, "--out", tmp_path / "other")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "planned.test is" in err
 
 
 def test_a_single_stream_belongs_to_no_split(call, tmp_path):
