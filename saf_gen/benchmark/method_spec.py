@@ -48,7 +48,7 @@ DEFAULT_RECORDED_METHODS = (
     "sd+sgfs_causal",
     "structure_calibrated+photon_aware",
     "octave_structure+peak_fit",
-    "vollath_f4_n+block_vote",
+    "fine_structure+bell_vote",
 )
 """Methods that ``saf-gen evaluate`` runs by default: the paper's measures and searches, two of these measures in
 brightness-normalised form (SD is normalised already), and five more methods."""

@@ -36,6 +36,8 @@ from saf_gen.stream.stream_file import open_stream
 from saf_gen.stream.stream_writer import StreamWriter
 
 METHODS = (
+    "fine_structure+bell_vote",
+    "fine_structure+bell_vote:area=true",
     "vollath_f4_n+block_vote",
     "octave_quotient+agreed_peak",
     "octave_structure+peak_fit",

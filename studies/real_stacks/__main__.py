@@ -28,7 +28,8 @@ from studies.real_stacks.dataset import BOXES, CLASSES, SOURCES, UNRANKED, frame
 from studies.real_stacks.truth import BoxTruth, families_of
 
 METHODS = (
-    "vollath_f4_n+block_vote",
+    "fine_structure+bell_vote",
+    "fine_structure+bell_vote:area=true",
     "octave_structure+argmax:window=300",
     "vollath_f4_n+argmax:window=300",
     "sd_code+egs_code",

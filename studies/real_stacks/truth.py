@@ -28,8 +28,8 @@ MEASURES = {
 FAMILY = {
     **dict.fromkeys(("brenner", "gaussian_derivative", "gradient_code", "split_gradient", "squared_gradient",
                      "tenengrad"), "gradient"),
-    **dict.fromkeys(("octave_quotient", "octave_structure", "structure_calibrated", "vollath_f4", "vollath_f5"),
-                    "autocorrelation"),
+    **dict.fromkeys(("fine_structure", "octave_quotient", "octave_structure", "structure_calibrated", "vollath_f4",
+                     "vollath_f5"), "autocorrelation"),
     **dict.fromkeys(("energy_of_laplacian", "modified_laplacian", "variance_of_laplacian"), "laplacian"),
     **dict.fromkeys(("cen", "dct_energy_ratio", "mfdct_code", "mfdct_lee", "mid_band_power", "wavelet_ratio"),
                     "spectrum"),
@@ -37,6 +37,7 @@ FAMILY = {
 """Families of measures; the others, such as SD, belong to none that the truth has."""
 FAMILIES_OF_SEARCH = {
     "agreed_peak": ("gradient",),
+    "bell_vote": ("autocorrelation",),
     "block_vote": ("autocorrelation", "laplacian"),
     "elp": ("laplacian",),
 }

@@ -275,7 +275,7 @@ def test_on_a_phone_only_tables_scroll_sideways_and_figures_can_be_read(ask):
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory):
     """A page as of the usual methods on ten scenes."""
-    methods = (*DEFAULT_RECORDED_METHODS, "vollath_f4_n+block_vote:by=gradient,own=1")
+    methods = (*DEFAULT_RECORDED_METHODS, "fine_structure+bell_vote:area=true,block=7")
     records = [
         record(method, f"{scene}-{light}", 0.06 * number + 0.1 * scene, scene=f"scene{scene}", light=light, **TIMES)
         for number, method in enumerate(methods)

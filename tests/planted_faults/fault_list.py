@@ -903,6 +903,22 @@ FAULTS = {
             "leaderboard/test_tuning.py::test_the_right_to_abstain_is_chosen_where_some_sweeps_have_no_answer",
         ),
     ),
+    "bells by contrast": Fault(
+        "All curves are divided by the size of the largest, so that blocks vote by their contrast.",
+        (Change("plugins.searches.bell_vote", "np.square(y).sum(axis=0)", "np.square(y).sum(axis=0).max()"),),
+        (
+            "plugins/test_bell_vote.py::test_the_correlation_is_that_of_each_curve_with_each_bell",
+            "plugins/test_bell_vote.py::test_with_area_most_of_the_area_decides_and_otherwise_most_of_the_contrast_does",
+        ),
+    ),
+    "fine structure that sees noise": Fault(
+        "The weights of fine structure do not sum to 0, so that noise and shading score.",
+        (Change("core.block_structure", "[-4.0, 5.0, 0.0, -1.0]", "[-4.0, 4.5, 0.0, -1.0]"),),
+        (
+            "plugins/test_structure.py::test_fine_structure_is_the_formula",
+            "plugins/test_structure.py::test_fine_structure_sees_neither_noise_nor_shading_but_texture",
+        ),
+    ),
     "blocks that vote by their contrast": Fault(
         "Blocks of a picture count by their contrast, so that the strongest edge in the box decides.",
         (Change("plugins.searches.block_vote", "(curves - floor) / np.maximum(height, TINY)", "curves - floor"),),

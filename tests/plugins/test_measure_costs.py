@@ -11,7 +11,15 @@ from saf_gen import get_measure
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import wants_halves
-from saf_gen.plugins.measures import _filters, _spectrum, gradient_code, measure_names, octave_quotient, split_gradient
+from saf_gen.plugins.measures import (
+    _filters,
+    _spectrum,
+    fine_structure,
+    gradient_code,
+    measure_names,
+    octave_quotient,
+    split_gradient,
+)
 
 OWN = sorted(registry._builtin_names("measures"))
 BEYOND = {"cen", "mid_band_power", "entropy", "change_rate"}
@@ -97,6 +105,7 @@ def bare(monkeypatch):
 
     monkeypatch.setattr(_filters, "np", SimpleNamespace(zeros=zeros, empty=zeros))
     for module, kernel in (
+        (fine_structure, "block_structure"),
         (gradient_code, "_magnitudes"),
         (octave_quotient, "structure"),
         (split_gradient, "shared_gradient"),

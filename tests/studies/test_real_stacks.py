@@ -69,6 +69,8 @@ def test_pictures_that_half_of_the_stack_does_not_have_make_a_truth_less_sure():
         ("octave_structure+argmax", {"autocorrelation"}),
         ("tenengrad_tfi+argmax", {"gradient"}),
         ("energy_of_laplacian_n+agreed_peak", {"gradient", "laplacian"}),
+        ("fine_structure+bell_vote", {"autocorrelation"}),
+        ("sd+bell_vote:area=true", {"autocorrelation"}),
         ("vollath_f4_n+block_vote", {"autocorrelation", "laplacian"}),
         ("vollath_f4_n+block_vote:by=gradient,own=1", {"autocorrelation", "gradient", "laplacian"}),
     ],
