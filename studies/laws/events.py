@@ -1,5 +1,7 @@
 """Events: how many a change of the light makes, how many come in light that does not change, and how many are read.
 
+A second camera, written independently, has as many of them, also where a lens passes its focus.
+
 The camera is exposed to even light directly, without a rendered scene: what is checked are its pixels.
 """
 
@@ -11,6 +13,8 @@ from scipy.stats import binom
 
 from saf_gen.camera import LightCourse, get_sensor
 from saf_gen.camera.events import EventCamera, EventSensor, encode_events
+from saf_gen.camera.events.camera import Events
+from studies.laws.event_twin import TwinEvents, make_events
 from studies.laws.law import FALSE_ALARM, Comparison, Curve, Finding, Law, Plot, compare_mean
 from studies.laws.workload import DatasetMaker
 
@@ -22,6 +26,12 @@ LIGHT = 1e5  # electrons per second
 LOADS = (0.2, 0.5, 0.8, 1.0, 1.3, 2.0)
 SHARED_BUS = (4, 6)  # pixels
 BLOCK_CELLS = 100  # courses of 25 ms
+TWINS = ("davis346", "evk4")
+PLACES = (-2.5, -1.0, 0.0, 1.0, 2.5)  # defocus, in half depths of focus
+FARTHEST, BIN, SPEED = 5.0, 0.5, 20.0  # half depths of focus; the last per second
+PICTURES = 20  # per half depth of focus
+FINE = 4  # samples of a picture across a pixel
+DISC_RMS = 0.25  # pixels, per axis, of a disc of the diameter of a pixel: the blur a half depth from the focus
 QUIET = dict.fromkeys(("mismatch", "bandwidth", "refractory", "leak", "shot", "hot", "readout"), False)
 
 
@@ -184,6 +194,89 @@ def _check_queue(maker: DatasetMaker, quick: bool) -> Finding:
     )
 
 
+def _texture(*, quick: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spectrum of a picture of black and white patches, sampled finely, and its squared wave numbers.
+
+    Wave numbers are in radians per pixel; black has a tenth of the light of white.
+    """
+    shape = [FINE * size for size in ((32, 48) if quick else (64, 96))]
+    down, across = (2 * np.pi * FINE * np.fft.fftfreq(size) for size in shape)
+    squared = down[:, None] ** 2 + across[: shape[1] // 2 + 1] ** 2
+    rough = np.fft.rfft2(np.random.default_rng(1).standard_normal(shape))
+    patches = np.fft.irfft2(rough * np.exp(-0.5 * squared * 1.5**2), s=shape) > 0
+    return np.fft.rfft2(np.where(patches, 1.0, 0.1)), squared
+
+
+def _blur(spectrum: np.ndarray, squared: np.ndarray, *, rms_px: float) -> np.ndarray:
+    """Return a picture with Gaussian blur of so many pixels rms per axis, collected by pixels, (H, W)."""
+    fine = np.fft.irfft2(spectrum * np.exp(-0.5 * squared * rms_px**2))
+    return np.asarray(fine.reshape(fine.shape[0] // FINE, FINE, -1, FINE).mean(axis=(1, 3)))
+
+
+def _record_both(light: np.ndarray, name: str, *, seconds: float, step_s: float) -> tuple[Events, TwinEvents]:
+    """Return what the camera and its twin report for light without dark current, electrons per second, (K, H, W)."""
+    sensor = get_sensor(name, kind="events", noise=QUIET | {"bandwidth": True, "refractory": True})
+    twin = make_events(
+        light.astype(np.float64) + sensor.dark_e_per_s,
+        seconds=seconds,
+        on=sensor.threshold_on,
+        off=sensor.threshold_off,
+        charge_e=sensor.receptor_e,
+        receptor_s=sensor.receptor_s,
+        refractory_s=sensor.refractory_s,
+        step_s=step_s,
+    )
+    return encode_events(light, sensor, seconds=seconds, seed=1), twin
+
+
+def _near(what: str, measured: float, *, expected: float, within: float, unit: str = "") -> Comparison:
+    """Return the comparison of a figure with that of the twin, from which it may differ by a fraction."""
+    return Comparison(what, float(measured), expected, (1 - within) * expected, (1 + within) * expected, unit=unit)
+
+
+def _check_twin(maker: DatasetMaker, quick: bool) -> Finding:
+    """Compare the camera with its twin: numbers of events as contrast comes and goes, and rates around the focus."""
+    spectrum, squared = _texture(quick=quick)
+    step_s = 1e-4 if quick else 4e-5
+    picture, at = _blur(spectrum, squared, rms_px=1.0), np.linspace(0, 1, 101)[:, None, None]  # of many shades
+    contrast = np.sin(2 * np.pi * (at + 0.1)) ** 2  # comes and goes twice; it begins with some, so that pixels differ
+    light = LIGHT * 5 ** (at - 1) * (1 + contrast * (picture / picture.mean() - 1))
+    comparisons = []
+    for name in TWINS:
+        events, twin = _record_both(light.astype(np.float32), name, seconds=0.25, step_s=step_s)
+        for what, rise in (("falls", False), ("rises", True)):
+            number, expected = (events.p == rise).sum(), float((twin.rise == rise).sum())
+            comparisons.append(_near(f"{what}, {name}", number, expected=expected, within=0.005))
+
+    x = np.linspace(-FARTHEST, FARTHEST, round(2 * FARTHEST * PICTURES) + 1)
+    light = LIGHT * np.stack([_blur(spectrum, squared, rms_px=DISC_RMS * abs(defocus)) for defocus in x])
+    events, twin = _record_both(light.astype(np.float32), TWINS[0], seconds=2 * FARTHEST / SPEED, step_s=step_s)
+    middles = np.arange(-FARTHEST + BIN, FARTHEST, BIN)
+    edges = np.append(middles, FARTHEST) - BIN / 2
+    pixel_seconds = light[0].size * BIN / SPEED
+    seen, wanted = (np.histogram(SPEED * t - FARTHEST, edges)[0] / pixel_seconds for t in (1e-6 * events.t, twin.t))
+    at_places = np.searchsorted(middles, PLACES)
+    for place, rate, expected in zip(PLACES, seen[at_places], wanted[at_places].tolist(), strict=True):
+        comparisons.append(_near(f"rate at a defocus of {place:g}", rate, expected=expected, within=0.05, unit="Hz"))
+    ratio, of_twin = (valley_ratio(rates[at_places]) for rates in (seen, wanted))
+    comparisons.append(Comparison("rate in focus over that of the lower lobe", ratio, at_most=0.5))
+    least = middles[at_places[0] + np.argmin(seen[at_places[0] : at_places[-1]])]
+    remarks = (
+        f"The rate in focus is {ratio:.3f} of that of the lower lobe; {of_twin:.3f} with the twin. It is least "
+        f"{least:g} half depths after the focus, because light that turns back must first pass the level that a pixel "
+        "stored, and a threshold more.",
+    )
+    curves = (Curve("twin", tuple(middles), tuple(wanted)), Curve("camera", tuple(middles), tuple(seen), "points"))
+    plot = Plot("defocus, half depths of focus, growing with time", "events per pixel and second", curves)
+    return Finding(tuple(comparisons), plot, remarks)
+
+
+def valley_ratio(rates: np.ndarray) -> float:
+    """Return the rate of events in focus over that of the lower lobe, from the rates at ``PLACES``."""
+    before, focus, after = rates[:2].max(), rates[2], rates[3:].max()
+    return float(focus / min(before, after))
+
+
 _BY_CHANCE = (
     f"Only the scatter between pixels: all figures together fail correct code once in {1 / FALSE_ALARM:,.0f} runs."
 )
@@ -221,5 +314,18 @@ LAWS = (
         f"4 s each, in courses of 25 ms, on buses of which N·R is {', '.join(map(str, LOADS))} times what they read.",
         _BY_CHANCE,
         _check_queue,
+    ),
+    Law(
+        "events_twin",
+        "A camera written independently, which steps the photoreceptor through time, has as many events, and at the "
+        "same rates where a lens passes its focus: there they are few, because the picture hardly changes.",
+        "dV/dt = (I − exp V)/(Q + s·I); an event where V leaves stored ± θ, then a reset",
+        "T. Delbruck and C. A. Mead, ISCAS 1994, doi:10.1109/ISCAS.1994.409266 (the photoreceptor)",
+        f"A picture of 6,144 pixels whose contrast comes and goes twice in light that grows fivefold, "
+        f"{' and '.join(TWINS)}; its blur in front of a lens that moves by {SPEED:g} half depths of focus per second, "
+        f"{TWINS[0]}. Photoreceptor and reset are on, noise is off.",
+        "0.5 % of the numbers, 5 % of the rates, which is left for the twin's steps of time; in focus at most half of "
+        "the rate beside it.",
+        _check_twin,
     ),
 )

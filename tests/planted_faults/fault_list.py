@@ -290,6 +290,14 @@ FAULTS = {
             "camera/test_events.py::test_a_sine_has_events_up_and_down",
         ),
     ),
+    "contrast for logarithm": Fault(
+        "An event camera reports when its light has changed by a fraction, and not when its logarithm has.",
+        (Change("camera.events.camera", "[np.exp(-on), np.exp(off),", "[1.0 - on, 1.0 + off,"),),
+        (
+            "camera/test_events.py::test_a_ramp_has_events_where_its_logarithm_passes_a_threshold",
+            "studies/test_event_twin.py::test_the_camera_has_the_events_of_its_twin_and_a_valley_at_the_focus",
+        ),
+    ),
     "reset ignored": Fault(
         "A pixel of an event camera goes on comparing while it is held in reset.",
         (Change("camera.events.camera", "sensor.refractory_s * noise.refractory", "0.0 * noise.refractory"),),
