@@ -66,7 +66,7 @@ class BellVote:
 
     counts: float = 12.0
     steps: int = 200
-    longest: float = 0.1
+    longest: float = 0.15
     block: int = 10
     own: float = 0.3
     area: bool = False
