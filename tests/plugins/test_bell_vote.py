@@ -21,7 +21,7 @@ class Drawn:
     ``lens`` holds the position of the lens in each frame. Pixels integrate without noise, from random phases.
     """
 
-    frames, readout_hz, lag_s, now = FRAMES, 20_000.0, 0.0, FRAMES
+    frames, readout_hz, lag_s, now = FRAMES, 20_000.0, 0.0, 0
 
     def __init__(self, *parts, light=1.0, shading=0.0, lens=None, measure="fine_structure", seed=0):
         random = make_generator("test_bell_vote", seed)
@@ -37,6 +37,7 @@ class Drawn:
         self.total = np.concatenate([np.zeros((1, *SHAPE)), np.floor(charge + random.random(SHAPE))]).astype(np.uint32)
 
     def counts(self, first, stop):
+        self.now = max(self.now, stop)
         return self.total[stop] - self.total[first]
 
     def score(self, first, stop, measure=None):
@@ -130,11 +131,21 @@ def test_the_frame_is_the_first_at_which_the_lens_passes():
 
 def test_without_a_focus_few_blocks_agree_and_the_answer_can_be_withdrawn():
     known, none = Drawn((ALL, 900, 0.5)), Drawn((ALL, 5000, 0.5))
-    assert get_search("bell_vote", agree=0.9)(known).note == "100% of the blocks agree"
+    assert get_search("bell_vote", agree=0.9)(known).note.endswith("100% of the blocks agree")
     withdrawn = get_search("bell_vote", agree=0.9)(none)
     assert withdrawn.frame is None
     assert withdrawn.note.endswith("of the blocks agree")
     assert focus(none) is not None
+
+
+def test_the_sweep_stops_once_enough_blocks_agree_and_the_lens_is_past_the_answer():
+    view = Drawn((ALL, 700, 0.5))
+    assert focus(view, enough=0.7) == pytest.approx(700, abs=20)
+    assert 700 < view.now < 1300
+    nearer_first = Drawn((RIGHT, 500, 0.95), (LEFT, 1400, 0.35))
+    assert focus(nearer_first, enough=0.7, area=True) == pytest.approx(1400, abs=30), "a quarter is not enough"
+    focus(view)
+    assert view.now == FRAMES
 
 
 def test_without_light_or_motion_there_is_no_answer_and_little_light_is_taken():
@@ -146,13 +157,14 @@ def test_without_light_or_motion_there_is_no_answer_and_little_light_is_taken():
 @pytest.mark.parametrize(
     ("options", "said"),
     [({"block": 0}, "block is 0"), ({"steps": 0}, "steps is 0"), ({"longest": 2.0}, "longest is 2.0"),
-     ({"own": -1.0}, "own is -1.0"), ({"agree": 35}, "agree is 35"), ({"area": 1}, "area is 1"),
-     ({"counts": float("nan")}, "counts is nan"), ({"blok": 3}, "block")],
+     ({"own": -1.0}, "own is -1.0"), ({"agree": 35}, "agree is 35"), ({"enough": 2}, "enough is 2"),
+     ({"area": 1}, "area is 1"), ({"counts": float("nan")}, "counts is nan"), ({"blok": 3}, "block")],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(options, said):
     assert said in str(refusal(get_search, "bell_vote", **options))
 
 
 @pytest.mark.slow
-def test_it_passes_the_checks_of_a_search():
-    assert [one for one in check_search(get_search("bell_vote")) if one.level == "error"] == []
+@pytest.mark.parametrize("enough", [0.0, 0.7])
+def test_it_passes_the_checks_of_a_search(enough):
+    assert [one for one in check_search(get_search("bell_vote", enough=enough)) if one.level == "error"] == []
