@@ -107,7 +107,8 @@ def test_what_makes_events_of_spikes_is_refused_on_events_and_names_its_twin(eve
 
 @pytest.mark.slow
 def test_searches_of_ours_run_on_events(events):
-    methods = ["er_count+pbf_events", "er_count+elp_events", "er_count+egs_events", "sd+pbf_events:reject=true"]
+    searches = "pbf_events", "elp_events", "egs_events", "event_reversal", "pbf_events:reject=true"
+    methods = [f"er_count+{search}" for search in searches]
     records = evaluate(events[0], methods=methods).records
     assert all(record.judgement.status in ("answered", "abstained") for record in records), [
         r.judgement.note for r in records

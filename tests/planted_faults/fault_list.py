@@ -979,4 +979,12 @@ FAULTS = {
             "benchmark/test_record_of_run.py::test_a_record_states_the_sharpness_lost_where_it_is_known",
         ),
     ),
+    "falls that add to rises": Fault(
+        "Reversal adds falls to rises, so that the number of events counts and not what they do to a pixel.",
+        (Change("plugins.searches.event_reversal", "np.diff(block", "np.sum(block"),),
+        (
+            "plugins/test_event_reversal.py::test_the_focus_is_found_to_a_step_at_rest",
+            "plugins/test_event_reversal.py::test_a_lamp_that_all_pixels_follow_does_not_move_it",
+        ),
+    ),
 }
