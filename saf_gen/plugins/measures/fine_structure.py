@@ -1,4 +1,4 @@
-"""Fine structure: what pixel differences add between one and four pixels, without noise and without shading."""
+"""Structure without noise and shading: weighted differences of pixels one, two and four apart."""
 
 from dataclasses import dataclass
 from typing import ClassVar

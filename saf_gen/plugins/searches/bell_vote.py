@@ -1,4 +1,4 @@
-"""Bells in the focus curves of a picture and of its blocks: the focus at which they agree."""
+"""Bells in the focus curves of a picture and its blocks: the focus at which they agree."""
 
 from dataclasses import dataclass
 from math import isfinite
