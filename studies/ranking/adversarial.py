@@ -39,7 +39,6 @@ METHODS = (
     "fine_structure+bell_vote",
     "fine_structure+bell_vote:area=true",
     "vollath_f4_n+block_vote",
-    "octave_quotient+agreed_peak",
     "octave_structure+peak_fit",
     "sd_code+egs_code",
     "sd_code+sgfs_code",
