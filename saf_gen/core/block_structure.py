@@ -1,4 +1,4 @@
-"""Fine structure of blocks of a picture: the sums of the measure of that name, for it and for searches."""
+"""Blocks of a picture and their fine structure: the sums of the measure of that name, for it and for searches."""
 
 import numpy as np
 from numba import njit
@@ -45,3 +45,8 @@ def block_structure(c: np.ndarray, edges: tuple[np.ndarray, np.ndarray]) -> np.n
                     scores[p, q] += WEIGHTS[apart - 1] * squares / pairs
             scores[p, q] /= (light / pixels) ** 2
     return scores
+
+
+def block_edges(pixels: int, size: int) -> np.ndarray:
+    """Return the edges of blocks of about ``size`` pixels along an axis, int64, from 0 to ``pixels``."""
+    return np.linspace(0, pixels, max(pixels // size, 1) + 1).astype(np.int64)

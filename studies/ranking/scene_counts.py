@@ -22,7 +22,7 @@ from studies.ranking.packed_records import read_packed_records
 COUNTS = 5, 10, 20, 40, 80, 120, 240
 DRAWS, SEED = 40, 1
 METHODS = (
-    "fine_structure+bell_vote",
+    "vollath_f4_n+block_vote",
     "gradient_code_n+egs_code",
     "sd_code+egs_code",
     "sd_code+argmax",

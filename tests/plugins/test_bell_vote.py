@@ -7,8 +7,9 @@ from scipy.ndimage import gaussian_filter
 
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import check_search
+from saf_gen.core.block_structure import block_edges
 from saf_gen.core.seeds import make_generator
-from saf_gen.plugins.searches.bell_vote import bell_correlation, block_edges, frame_of, vertex
+from saf_gen.plugins.searches.bell_vote import bell_correlation, frame_of, vertex
 
 FRAMES, SHAPE = 2000, (40, 48)
 
@@ -146,6 +147,9 @@ def test_the_sweep_stops_once_enough_blocks_agree_and_the_lens_is_past_the_answe
     assert focus(nearer_first, enough=0.7, area=True) == pytest.approx(1400, abs=30), "a quarter is not enough"
     focus(view)
     assert view.now == FRAMES
+    sure = Drawn((LEFT, 700, 0.5), (RIGHT, 1500, 0.5))
+    assert focus(sure, enough=0.5, agree=0.95) is None
+    assert sure.now == FRAMES, "what would be withdrawn does not stop the sweep"
 
 
 def test_without_light_or_motion_there_is_no_answer_and_little_light_is_taken():

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from saf_gen import get_measure, get_search
 from saf_gen.benchmark.conformance import check_search
 from saf_gen.core.seeds import make_generator
-from saf_gen.plugins.searches.block_vote import block_edges, block_scores, scaled, vertex
+from saf_gen.plugins.searches.block_vote import block_scores, scaled, vertex
 
 FRAMES, SHAPE = 2000, (40, 48)
 
@@ -139,13 +139,6 @@ def test_boxes_of_few_pixels_have_finite_scores(shape, f4):
     first, second = make_generator("test_block_vote", "small").integers(0, 3, (2, *shape))
     assert np.isfinite(block_scores(first, second, size=10, f4=f4)).all()
     assert block_scores(0 * first, second, size=10, f4=f4) == pytest.approx(0)
-
-
-@pytest.mark.parametrize(("pixels", "size", "count"), [(23, 10, 2), (37, 10, 3), (37, 100, 1), (5, 1, 5)])
-def test_blocks_cover_each_pixel_once_and_are_about_as_large_as_asked(pixels, size, count):
-    edges = block_edges(pixels, size)
-    assert (len(edges) - 1, edges[0], edges[-1]) == (count, 0, pixels)
-    assert np.ptp(np.diff(edges)) <= 1
 
 
 def test_each_curve_is_scaled_to_its_own_range_above_its_floor():

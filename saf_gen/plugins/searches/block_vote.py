@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
+from saf_gen.core.block_structure import block_edges
 from saf_gen.errors import unknown
 from saf_gen.parts import Answer, View
 from saf_gen.plugins.searches._light_windows import equal_light_windows
@@ -112,11 +113,6 @@ def block_scores(first: np.ndarray, second: np.ndarray, *, size: int, f4: bool) 
     lit = sums[2] * sums[3]
     brightness = np.stack([(sums[2] + sums[3]) ** 2 if f4 else lit, lit])
     return np.where(lit > 0, sums[:2] * pixels / np.maximum(brightness, 1), 0.0)
-
-
-def block_edges(pixels: int, size: int) -> np.ndarray:
-    """Return the edges of blocks of about ``size`` pixels along an axis, int64, from 0 to ``pixels``."""
-    return np.linspace(0, pixels, max(pixels // size, 1) + 1).astype(np.int64)
 
 
 @njit(nogil=True, cache=True)
