@@ -1,166 +1,182 @@
-"""Write the tables of a page of results from the evaluations of both tracks.
+"""Write the tables of a page of results from the records that are kept beside it.
 
-    python -m studies.ranking.result_tables RECORDED [CLOSED_LOOP] [--page PAGE ...]
+    python -m studies.ranking.result_tables [PAGE]
 
-RECORDED and CLOSED_LOOP are folders that ``saf-gen evaluate`` wrote; without the second, the tables of the closed loop
-are not changed. The page is saf_bench-v3.md, or those of ``--page``. A table is placed between ``<!-- table: TRACK
-KIND -->`` and ``<!-- end -->``; KIND is a key of ``TABLES``. Everything else on a page is written by hand.
+PAGE is saf_bench.md, unless another is named. The packed records lie in a folder of the page's name, a file for each
+evaluation. A table stands between ``<!-- table: KIND FILE... -->`` and ``<!-- end -->``; KIND is a key of ``TABLES``. A
+name of a file may be followed by a bin of a condition of the leaderboard: ``inside[stratum=relief]``. Everything else
+on a page is written by hand.
 """
 
 import argparse
-import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
+from saf_gen.benchmark.records import Record
 from saf_gen.core.table import percent
+from saf_gen.errors import BadInput
+from saf_gen.leaderboard import rank_methods
+from saf_gen.leaderboard.ranking import LeaderboardRow
+from saf_gen.leaderboard.results import AXES
+from studies.ranking.packed_records import read_packed_records
 
-RESULTS = Path(__file__).resolve().parents[1] / "results"
-PAGES = (RESULTS / "saf_bench-v3.md",)
-TABLE = re.compile(r"(<!-- table: (recorded|closed_loop) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-LISTED = 20
-"""Number of methods in a table of all, from the best on; the records hold the others."""
-CLAIMS_SHOWN = (
-    *("sd_code+argmax", "sd_code+egs_code", "sd_code+sgfs_code", "gradient_code+argmax", "gradient_code_n+argmax"),
-    *("gradient_code_n+egs_code", "mfdct_code+argmax", "mfdct_code_n+argmax", "mfdct_lee+argmax"),
-    *("mfdct_lee_n+argmax", "er_sumsq+argmax", "cen+argmax", "sd_calibrated+photon_aware"),
-    *("structure_calibrated+photon_aware", "octave_structure+peak_fit"),
+PAGE = Path(__file__).resolve().parents[1] / "results" / "saf_bench.md"
+TABLE = re.compile(r"(<!-- table: (\w+) (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
+COLUMN = re.compile(r"([\w-]+)(?:\[(\w+)=([^\]]+)\])?")
+SHOWN = (
+    *("fine_structure+bell_vote", "fine_structure+bell_vote:area=true", "fine_structure+argmax_light"),
+    *("octave_structure+argmax:window=300", "octave_structure+peak_fit", "tenengrad_n+argmax"),
+    *("vollath_f4_n+block_vote", "gradient_code_n+egs_code", "sd_code+egs_code", "sd_code+sgfs_code"),
+    *("sd+sgfs_causal", "sd+argmax", "er_sumsq+argmax", "sd+middle"),
 )
-FIRST = "#", "ranks (95 %)", "method", "within ½ DoF", "within 1 DoF", "95 %", "median error, DoF"
-"""First columns of the tables of all methods."""
-Evaluation = dict[str, Any]
-"""Content of leaderboard.json, and its folder."""
+"""Methods of the tables that do not list all: ours, the best of other searches, the paper's, and guessing."""
 
 
-def format_percent(fraction: float | None) -> str:
-    """Return a fraction as integer per cent, or a dash if it is not known."""
+class Column(NamedTuple):
+    """Records of a file beside a page, or of a bin of a condition in it."""
+
+    file: Path
+    axis: str
+    bin: str
+
+    @property
+    def title(self) -> str:
+        """What the column holds, in words."""
+        return self.file.name.removesuffix("-records.xz").replace("_", " ") + (f", {self.bin}" if self.bin else "")
+
+    def rows(self, methods: Sequence[str] = ()) -> dict[str, LeaderboardRow]:
+        """Return the row of each method, best first; of these methods only, if some are named."""
+        return _rank(self, tuple(methods))
+
+
+@cache
+def _read(file: Path) -> list[Record]:
+    return read_packed_records(file)
+
+
+@cache
+def _rank(column: Column, methods: tuple[str, ...]) -> dict[str, LeaderboardRow]:
+    records = [record for record in _read(column.file) if not methods or record.who.method in methods]
+    if column.axis:
+        bin_of = next(axis.bin_of for axis in AXES if axis.name == column.axis)
+        records = [record for record in records if bin_of(record) == column.bin]
+    return {row.method: row for row in rank_methods(records)}
+
+
+def _percent(fraction: float | None) -> str:
     return "–" if fraction is None else percent(fraction).replace("%", " %")
 
 
-def format_number(value: float | None, digits: int) -> str:
-    """Return a number with ``digits`` decimal places, or a dash if it is not known."""
-    return "–" if value is None else f"{value:.{digits}f}"
+def _success(row: LeaderboardRow | None, *, ends: bool = False) -> str:
+    """Return the success within one depth of focus, with its interval if asked, and within half in brackets if not."""
+    if row is None or row.answerable_1dof is None:
+        return "–"
+    if not ends or row.answerable_1dof_low is None or row.answerable_1dof_high is None:
+        return f"{_percent(row.answerable_1dof)} ({100 * (row.answerable_half_dof or 0):.0f})"
+    low, high = 100 * row.answerable_1dof_low, 100 * row.answerable_1dof_high
+    return f"{_percent(row.answerable_1dof)} [{low:.0f}–{high:.0f}]"
 
 
-def format_interval(low: float | None, high: float | None, digits: int) -> str:
-    """Return the ends of an interval with ``digits`` decimal places, or a dash if it is not known."""
-    return "–" if low is None or high is None else f"{low:.{digits}f}–{high:.{digits}f}"
-
-
-def _format_grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in (header, ["---"] * len(header), *rows))
 
 
-def tabulate_results(evaluation: Evaluation) -> str:
-    """Return a table of the best methods, with the time to focus in the closed loop, else the frames seen."""
-    in_closed_loop = evaluation["track"] == ["closed_loop"]
-    costs = ("to focus, s", "95 %", "turns", "hunts") if in_closed_loop else ("frames seen",)
+def tabulate_all(columns: Sequence[Column]) -> str:
+    """Return a table of all methods, in the order of the first column, with success in the others."""
+    first = columns[0]
+    header = ["#", "method", *(word for c in columns for word in (f"{c.title}, ≤ 1 DoF", "≤ ½"))]
     rows = []
-    for row in evaluation["rows"][:LISTED]:
-        cells = _first_cells(row)
-        if in_closed_loop:
-            cells += [
-                format_number(row["time_to_focus_s"], 3),
-                format_interval(row["time_to_focus_low_s"], row["time_to_focus_high_s"], 3),
-                format_number(row["reversals"], 1),
-                format_percent(row["hunting"]),
-            ]
-        else:
-            cells.append(format_percent(row["frames_seen"]))
-        rows.append(cells)
-    return _format_grid([*FIRST, *costs], rows)
+    for method, row in first.rows().items():
+        cells = [f"{row.rank}{'~' if row.level_with_best and row.rank != 1 else ''}", f"`{method}`"]
+        for column in columns:
+            at = column.rows()[method]
+            cells += [_success(at, ends=True), _percent(at.answerable_half_dof)]
+        error = "–" if row.median_error_dof is None else f"{row.median_error_dof:.2f}"
+        rows.append([*cells, error, _percent(row.frames_seen)])
+    return _grid([*header, "median error, DoF", "frames seen"], rows)
 
 
-def tabulate_judged(evaluation: Evaluation) -> str:
-    """Return a table of the best methods, with both errors of abstaining, frames and computing time."""
-    costs = "false answers", "false abstentions", "frames seen", "s"
-    rows = []
-    for row in evaluation["rows"][:LISTED]:
-        cells = _first_cells(row)
-        cells += [str(row["false_answers"]), str(row["false_abstentions"]), format_percent(row["frames_seen"])]
-        rows.append([*cells, format_number(row["seconds"], 2)])
-    return _format_grid([*FIRST, *costs], rows)
+def tabulate_success(columns: Sequence[Column]) -> str:
+    """Return a table of success within one (half a) depth of focus, of the methods shown."""
+    rows = [_per_column(method, columns, _success) for method in _shown(columns)]
+    return _grid(["method", *(column.title for column in columns)], rows)
 
 
-def _first_cells(row: Evaluation) -> list[str]:
-    rank = f"{row['rank']}{'=' if row['tied'] else ''}{'~' if row['level_with_best'] and row['rank'] > 1 else ''}"
-    cells = [rank, f"{row['rank_best']}–{row['rank_worst']}", f"`{row['method']}`"]
-    return [*cells, format_percent(row["answerable_half_dof"]), *_success_cells(row)]
+def tabulate_drives(columns: Sequence[Column]) -> str:
+    """Return a table of success in the closed loop and the mean time until the lens was in focus, of all methods."""
+
+    def cell(row: LeaderboardRow | None) -> str:
+        time = None if row is None else row.time_to_focus_s
+        return f"{_percent(row.answerable_1dof if row else None)}, {'–' if time is None else f'{time:.2f}'} s"
+
+    methods = list(columns[0].rows())
+    names = [column.title.removeprefix("loop ") for column in columns]
+    return _grid(["method", *names], [_per_column(method, columns, cell) for method in methods])
 
 
-def _success_cells(row: Evaluation) -> list[str]:
-    ends = (None if row[key] is None else 100 * row[key] for key in ("answerable_1dof_low", "answerable_1dof_high"))
-    success, error = format_percent(row["answerable_1dof"]), format_number(row["median_error_dof"], 2)
-    return [success, format_interval(*ends, 0), error]
+def tabulate_abstention(columns: Sequence[Column]) -> str:
+    """Return a table of false answers and false abstentions of each method that abstained somewhere."""
+    methods = dict.fromkeys(m for c in columns for m, row in c.rows().items() if row.abstained)
+    header = ["method"]
+    for column in columns:
+        row = next(iter(column.rows().values()))
+        header += [f"{column.title}: answers, of {row.without_answer} without one"]
+        header += [f"{column.title}: none, of {row.answerable} with one"]
+    lines = []
+    for method in methods:
+        held = [column.rows()[method] for column in columns]
+        lines.append([f"`{method}`", *(str(n) for row in held for n in (row.false_answers, row.false_abstentions))])
+    return _grid(header, lines)
 
 
-def tabulate_division(evaluation: Evaluation) -> str:
-    """Return a table of the success of each measure with and without division by brightness, with ``argmax``."""
-    success = {row["method"]: row["answerable_1dof"] for row in evaluation["rows"]}
-    pairs = ((name, f"{name.removesuffix('_n+argmax')}+argmax") for name in success if name.endswith("_n+argmax"))
-    gains = {plain: success[divided] - success[plain] for divided, plain in pairs if plain in success}
-    rows = (
-        [
-            f"`{plain.removesuffix('+argmax')}`",
-            format_percent(success[plain]),
-            format_percent(success[plain] + gain),
-            f"{100 * gain:+.0f}",
-        ]
-        for plain, gain in sorted(gains.items(), key=lambda item: (-item[1], item[0]))
-    )
-    return _format_grid(["measure", "as it is", "divided by brightness", "gain, points"], rows)
+def _shown(columns: Sequence[Column]) -> list[str]:
+    held = set().union(*(column.rows() for column in columns))
+    return [method for method in SHOWN if method in held]
 
 
-def tabulate_claims(evaluation: Evaluation) -> str:
-    """Return a table of success by light for the methods that the claims of the paper concern."""
-    key = "answerable_1dof_light_"
-    lights = [name.removeprefix(key) for name in evaluation["columns"] if name.startswith(key)]
-    rows = {row["method"]: row for row in evaluation["rows"]}
-    lines = (
-        [
-            f"`{method}`",
-            *(format_percent(rows[method][f"{key}{light}"]) for light in lights),
-            *_success_cells(rows[method]),
-        ]
-        for method in CLAIMS_SHOWN
-    )
-    return _format_grid(["method", *lights, "all", "95 %", "error"], lines)
+def _per_column(method: str, columns: Sequence[Column], cell: Callable[[LeaderboardRow | None], str]) -> list[str]:
+    return [f"`{method}`", *(cell(column.rows().get(method)) for column in columns)]
 
 
-TABLES: dict[str, Callable[[Evaluation], str]] = {
-    "results": tabulate_results,
-    "judged": tabulate_judged,
-    "division": tabulate_division,
-    "claims": tabulate_claims,
+TABLES: dict[str, Callable[[Sequence[Column]], str]] = {
+    "all": tabulate_all,
+    "success": tabulate_success,
+    "drives": tabulate_drives,
+    "abstention": tabulate_abstention,
 }
 
 
-def rewrite(page: str, evaluations: Mapping[str, Evaluation]) -> str:
-    """Return the text of a page with the tables of these tracks replaced."""
+def rewrite(page: str, folder: Path) -> str:
+    """Return the text of a page with its tables made from the records of a folder.
+
+    Raises BadInput if a file of records cannot be read.
+    """
 
     def make(found: re.Match[str]) -> str:
-        begin, track, kind, end = found.groups()
-        return f"{begin}\n{TABLES[kind](evaluations[track])}\n{end}" if track in evaluations else found[0]
+        begin, kind, names, end = found.groups()
+        columns = [Column(folder / f"{file}-records.xz", axis, name) for file, axis, name in COLUMN.findall(names)]
+        return f"{begin}\n{TABLES[kind](columns)}\n{end}"
 
     return TABLE.sub(make, page)
 
 
-def main() -> None:
-    """Write the pages."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the page, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recorded", type=Path)
-    parser.add_argument("closed_loop", type=Path, nargs="?")
-    parser.add_argument("--page", type=Path, nargs="+", default=PAGES)
-    given = parser.parse_args()
-    evaluations = {
-        track: json.loads((folder / "leaderboard.json").read_text(encoding="utf-8")) | {"folder": folder}
-        for track, folder in (("recorded", given.recorded), ("closed_loop", given.closed_loop))
-        if folder is not None
-    }
-    for page in given.page:
-        page.write_text(rewrite(page.read_text(encoding="utf-8"), evaluations), encoding="utf-8")
+    parser.add_argument("page", type=Path, nargs="?", default=PAGE)
+    page = parser.parse_args(argv).page
+    try:
+        text = rewrite(page.read_text(encoding="utf-8"), page.with_suffix(""))
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    page.write_text(text, encoding="utf-8")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -386,6 +386,18 @@ def test_a_piezo_is_judged_by_where_it_stands_and_its_search_sees_what_it_was_to
     assert judgement.error == pytest.approx(0.565 - capture.truth.position, abs=1e-3)
 
 
+@pytest.mark.parametrize("frame", [60, 160, 250])
+def test_a_piezo_comes_to_the_answer_from_where_its_sweep_began_so_that_it_stands_where_it_was_seen(capture, frame):
+    """Sent back to the answer from the other side, it would stand up to its hysteresis away."""
+    piezo = replace(IDEAL, hysteresis=0.13, reads="motor")
+    done = run(capture, at_frame(frame), actuator=piezo, sweep_s=0.016)
+    assert done.problem == ""
+    assert done.commands[-2] == done.commands[1] in (0.0, 1.0)
+    seen = float(done.path[done.frames_seen - 1])
+    assert done.path[-1] == pytest.approx(seen, abs=0.01)
+    assert abs(done.commands[-1] - seen) > 0.02, "where it stands is not what it was told"
+
+
 @pytest.mark.parametrize(("frames", "passed"), [(0, 0), (0.2, 8), (8, 8), (8.5, 16)])
 def test_a_wait_is_never_shorter_than_was_asked(capture, frames, passed):
     camera = start(capture)

@@ -1,77 +1,103 @@
-"""The tables of pages of results, which studies/ranking/result_tables.py makes from two evaluations."""
+"""The tables of pages of results, which studies/ranking/result_tables.py makes from packed records."""
 
-import json
+import re
+from collections import Counter
 
 import pytest
-from handmade_evaluations import write_board
-from handmade_records import record
+from handmade_records import failed, record
 
 from studies.ranking import result_tables
+from studies.ranking.packed_records import write_packed_records
 
-LIGHTS = "constant", "darker"
-TRACKS = "recorded", "closed_loop"
-METHODS = dict.fromkeys((*result_tables.CLAIMS_SHOWN, "er_sumsq_n+argmax"))
-
-
-def write(folder, *, track):
-    """Write four scenes under two lights; er_sumsq+argmax is wrong under the darker one, everything else is right."""
-    records = [
-        record(
-            method,
-            f"{scene}-{light}",
-            3.0 if (method, light) == ("er_sumsq+argmax", "darker") else 0.1,
-            scene=f"scene{scene}",
-            light=light,
-            track=track,
-        )
-        for method in METHODS
-        for scene in range(4)
-        for light in LIGHTS
-    ]
-    folder.mkdir()
-    write_board(folder, records)
-    return json.loads((folder / "leaderboard.json").read_text(encoding="utf-8")) | {"folder": folder}
+GOOD, BAD = "fine_structure+bell_vote", "er_sumsq+argmax"
 
 
 @pytest.fixture(scope="module")
-def documents(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results")
-    return {track: write(folder / track, track=track) for track in TRACKS}
+def folder(tmp_path_factory):
+    """Records of two places: one method is right everywhere, the other is wrong under the darker light."""
+    folder = tmp_path_factory.mktemp("page")
+    for name, track in (("inside", "recorded"), ("loop_piezo", "closed_loop")):
+        records = [
+            record(
+                method,
+                f"{scene}-{light}",
+                3.0 if (method, light) == (BAD, "darker") else 0.1,
+                scene=f"scene{scene}",
+                light=light,
+                track=track,
+                focus_off_dof=0.0,
+                stratum="one depth" if scene else "relief",
+                time_to_focus_s=0.25 if track == "closed_loop" else None,
+            )
+            for method in (GOOD, BAD)
+            for scene in range(12)
+            for light in ("constant", "darker")
+        ]
+        write_packed_records(folder / f"{name}-records.xz", records)
+    return folder
 
 
-def cells(text):
-    return [[cell.strip() for cell in line.strip("|\n ").split("|")] for line in text.splitlines()]
-
-
-@pytest.mark.parametrize("track", TRACKS)
-@pytest.mark.parametrize("name", result_tables.TABLES)
-def test_every_line_of_a_table_has_as_many_cells_as_its_head(documents, name, track):
-    text = result_tables.TABLES[name](documents[track])
-    head, *lines = cells(text)
-    assert lines
-    assert {len(line) for line in lines} == {len(head)}
-
-
-def test_tables_hold_the_success_of_each_method(documents):
-    """Rows are ordered best first; a measure is compared with its brightness-normalised form."""
-    _, _, *lines = cells(result_tables.TABLES["results"](documents["recorded"]))
-    assert {line[2].strip("`") for line in lines} == set(METHODS)
-    assert lines[-1][2:5] == ["`er_sumsq+argmax`", "50 %", "50 %"]
-    _, _, first, *_ = cells(result_tables.TABLES["division"](documents["recorded"]))
-    assert first == ["`er_sumsq`", "50 %", "100 %", "+50"]
-
-
-def test_a_page_keeps_what_was_written_by_hand_and_is_the_same_when_made_again(documents):
-    page = "before\n\n<!-- table: recorded claims -->\nold\n<!-- end -->\n\nafter\n"
-    made = result_tables.rewrite(page, documents)
-    assert made.startswith("before\n\n<!-- table: recorded claims -->\n\n| method | constant | darker | all |")
+def make(folder, kind, columns):
+    page = f"before\n\n<!-- table: {kind} {columns} -->\nold\n<!-- end -->\n\nafter\n"
+    made = result_tables.rewrite(page, folder)
+    assert made.startswith(f"before\n\n<!-- table: {kind} {columns} -->\n\n|")
     assert made.endswith("|\n\n<!-- end -->\n\nafter\n")
     assert "old" not in made
-    assert result_tables.rewrite(made, documents) == made
+    assert result_tables.rewrite(made, folder) == made, "made again, the page is the same"
+    head, rule, *lines = re.findall(r"^\| (.*) \|$", made, re.MULTILINE)
+    cells = [line.split(" | ") for line in (head, *lines)]
+    assert {len(line) for line in cells} == {len(rule.split(" | "))}
+    return cells
 
 
-def test_the_pages_hold_every_table_once():
-    pages = "".join(page.read_text(encoding="utf-8") for page in result_tables.PAGES)
-    asked = [match.group(2, 3) for match in result_tables.TABLE.finditer(pages)]
-    assert len(asked) == len(set(asked))
-    assert {kind for _, kind in asked} == set(result_tables.TABLES)
+def test_the_table_of_all_methods_has_success_with_its_interval_best_first(folder):
+    head, first, second = make(folder, "all", "inside")
+    assert head[:4] == ["#", "method", "inside, ≤ 1 DoF", "≤ ½"]
+    assert (first[:2], first[3:]) == (["1", f"`{GOOD}`"], ["100 %", "0.10", "100 %"])
+    assert first[2].startswith("100 % [")
+    assert (second[:2], second[3]) == (["2", f"`{BAD}`"], "50 %")
+
+
+def test_a_column_may_be_a_bin_of_a_condition(folder):
+    head, *lines = make(folder, "success", "inside inside[light=darker] inside[stratum=one depth]")
+    assert head == ["method", "inside", "inside, darker", "inside, one depth"]
+    assert lines == [
+        [f"`{GOOD}`", "100 % (100)", "100 % (100)", "100 % (100)"],
+        [f"`{BAD}`", "50 % (50)", "0 % (0)", "50 % (50)"],
+    ]
+
+
+def test_the_closed_loop_has_the_time_to_focus_of_each_drive(folder):
+    assert make(folder, "drives", "loop_piezo") == [
+        ["method", "piezo"],
+        [f"`{GOOD}`", "100 %, 0.25 s"],
+        [f"`{BAD}`", "50 %, 0.25 s"],
+    ]
+
+
+def test_false_answers_are_counted_beside_false_abstentions(tmp_path):
+    """Of three recordings without an answer one is answered; of twelve with one, two get none."""
+    records = [record(BAD, f"{n}", 0.1, scene=f"s{n}", focus_off_dof=0.0) for n in range(10)]
+    records += [failed(BAD, f"{n}", "abstained", scene=f"s{n}", focus_off_dof=0.0) for n in (10, 11)]
+    records += [failed(BAD, f"{n}", "abstained", scene=f"s{n}", focus_off_dof=2.0) for n in (12, 13)]
+    records += [record(BAD, "14", 2.5, scene="s14", focus_off_dof=2.0)]
+    records += [record(GOOD, f"{n}", 0.1, scene=f"s{n}", focus_off_dof=2.0 if n > 11 else 0.0) for n in range(15)]
+    write_packed_records(tmp_path / "box-records.xz", records)
+    _, line = make(tmp_path, "abstention", "box")
+    assert line == [f"`{BAD}`", "1", "2"], "a method that always answers has no row"
+
+
+def test_records_that_cannot_be_read_are_one_line(tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text("<!-- table: all inside -->\n<!-- end -->\n")
+    assert result_tables.main([str(page)]) == 2
+    assert "inside-records.xz" in capsys.readouterr().err
+    assert page.read_text() == "<!-- table: all inside -->\n<!-- end -->\n", "the page is as it was"
+
+
+def test_the_page_names_files_that_are_beside_it_and_no_table_twice():
+    asked = [found.group(2, 3) for found in result_tables.TABLE.finditer(result_tables.PAGE.read_text())]
+    assert {kind for kind, _ in asked} == set(result_tables.TABLES)
+    assert max(Counter(asked).values()) == 1
+    beside = {path.name.removesuffix("-records.xz") for path in result_tables.PAGE.with_suffix("").iterdir()}
+    assert {file for _, names in asked for file, _, _ in result_tables.COLUMN.findall(names)} <= beside

@@ -136,7 +136,7 @@ class Episode:
 
     def fail(self, problem: str) -> None:
         """End the episode without an answer; ``problem`` says why."""
-        self.run = finish_run(self._camera, Answer(), to=None, problem=problem)
+        self.run = finish_run(self._camera, Answer(), to=(), problem=problem)
 
     def judge(self) -> Judgement:
         """Return the judgement of the run.
@@ -149,7 +149,7 @@ class Episode:
 
     def _finish(self, position: float | None) -> None:
         answer = Answer(trace=tuple(self._camera.commanded_positions[1:]), position=position)
-        self.run = finish_run(self._camera, answer, to=position)
+        self.run = finish_run(self._camera, answer, to=() if position is None else (position,))
 
     def _make_observation(self) -> dict[str, np.ndarray]:
         """Return the observation; its image covers a full period, even if the last period was cut short."""

@@ -2,10 +2,11 @@
 
 The lens starts at the same position for all methods on a sequence, drawn with its seed. A search that commands the lens
 then moves it itself. A search that estimates on a recording is given a sweep: the lens goes to the nearer end of its
-travel, then towards the other end until the last window that the search looks at, and back to the answer.
+travel, then towards the other end until the last window that the search looks at, and back to the answer. A drive with
+hysteresis goes back to where the sweep began and on to the answer, because it takes the same positions only from there.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from saf_gen.benchmark.admission import run_method
@@ -50,17 +51,20 @@ def start_camera(
     )
 
 
-def finish_run(camera: RunningCamera, answer: Answer, *, to: float | None, problem: str = "") -> Run:
-    """Let the lens settle at ``to`` (unless that is None), and return the run of a method that is done.
+def finish_run(camera: RunningCamera, answer: Answer, *, to: Sequence[float], problem: str = "") -> Run:
+    """Let the lens go to each position of ``to`` in turn, settle at the last, and return the run of a method.
 
     If the focal stacks could not be read, the error of the camera is raised even if the method caught it.
     """
     if camera.stack_error is not None:
         raise camera.stack_error
     answer_frame = camera.now
-    if to is not None:
-        camera.move(to)
-        with suppress(BudgetSpentError):  # the lens is then judged by its position at the end of the budget
+    with suppress(BudgetSpentError):  # the lens is then judged by its position at the end of the budget
+        for passed in to[:-1]:
+            camera.move(passed)
+            camera.settle()
+        for last in to[-1:]:
+            camera.move(last)
             camera.settle(SETTLE_TOLERANCE)
     return Run(
         answer,
@@ -94,20 +98,22 @@ def run_closed_loop(
         if commands(method.search):
             answer, to, problem = _run_commanding_search(camera, method)
         else:
-            answer, to, problem = _run_estimating_search(camera, method, sweep=sweep)
+            answer, to, problem = _run_estimating_search(camera, method, protocol=protocol, sweep=sweep)
     except BudgetSpentError:
-        return finish_run(camera, Answer(), to=None, problem=explain_spent_budget(budget))
+        return finish_run(camera, Answer(), to=(), problem=explain_spent_budget(budget))
     return finish_run(camera, answer, to=to, problem=problem)
 
 
-def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, float | None, str]:
-    """Run a search that moves the lens itself; return its answer, the final lens command, and the problem or ''."""
+def _run_commanding_search(camera: RunningCamera, method: Method) -> tuple[Answer, tuple[float, ...], str]:
+    """Run a search that moves the lens itself; return its answer, the last lens commands, and the problem or ''."""
     answer, problem = run_method(method, camera, scorer=camera.scorer)
-    return answer, _clip_to_travel(answer.position), problem
+    return answer, () if answer.position is None else (_clip_to_travel(answer.position),), problem
 
 
-def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int) -> tuple[Answer, float | None, str]:
-    """Run a search on a sweep of ``sweep`` frames; return its answer, the final lens command, and the problem or ''."""
+def _run_estimating_search(
+    camera: RunningCamera, method: Method, *, protocol: ClosedLoopProtocol, sweep: int
+) -> tuple[Answer, tuple[float, ...], str]:
+    """Run a search on a sweep of ``sweep`` frames; return its answer, the last lens commands, and the problem or ''."""
     begin, end = (0.0, 1.0) if camera.commanded_positions[0] < 0.5 else (1.0, 0.0)
     camera.move(begin)
     camera.settle()
@@ -115,12 +121,13 @@ def _run_estimating_search(camera: RunningCamera, method: Method, *, sweep: int)
     answer, problem = run_method(method, view, scorer=camera.scorer)
     camera.commanded_trajectory = None
     if answer.frame is None:
-        return answer, None, problem
+        return answer, (), problem
     if not -0.5 <= answer.frame <= view.frames - 0.5:
-        return Answer(), None, f"answered frame {answer.frame}, which is not in the sweep"
-    return answer, _clip_to_travel(view.position_at(answer.frame)), ""
+        return Answer(), (), f"answered frame {answer.frame}, which is not in the sweep"
+    to = _clip_to_travel(view.position_at(answer.frame))
+    return answer, (begin, to) if protocol.actuator.hysteresis else (to,), ""
 
 
-def _clip_to_travel(position: float | None) -> float | None:
+def _clip_to_travel(position: float) -> float:
     """Return a position clipped to 0...1, because a noisy position sensor may read a little outside the travel."""
-    return None if position is None else min(max(float(position), 0.0), 1.0)
+    return min(max(float(position), 0.0), 1.0)
