@@ -90,8 +90,8 @@ splits:
 """
 CAMERAS = {"events": "davis346", "photons": "qvga_spad", "frames": "imx273"}
 SPIKES_ONLY = (
-    *("change_rate", "sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated"),
-    *("agreed_peak", "elp", "pbf", "peak_fit", "photon_aware"),
+    *("change_rate", "sd_calibrated", "sd_debiased", "structure_calibrated"),
+    *("elp", "pbf", "peak_fit", "photon_aware"),
 )
 """Measures and searches that suit no other camera, as do measures of intervals, ``_tfi``."""
 BESIDE = ("sd_code", "octave_structure")

@@ -14,7 +14,7 @@ from saf_gen.plugins.measures import INTERVAL_SUFFIX
 from saf_gen.stream.metadata import in_words
 from saf_gen.stream.recordings import open_recording
 
-LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "split_gradient", "structure_calibrated"})
+LAW_OF_SPIKES = frozenset({"sd_calibrated", "sd_debiased", "structure_calibrated"})
 """Measures that add 1/12 for the spike that two halves of a window share (:mod:`saf_gen.camera.counting_law`). Counts
 of other cameras share nothing, so that the same addend would be taken for contrast."""
 EVENTS_OF_SPIKES = {"change_rate": "", "elp": "elp_events", "pbf": "pbf_events"}

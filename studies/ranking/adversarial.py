@@ -38,7 +38,6 @@ from saf_gen.stream.stream_writer import StreamWriter
 METHODS = (
     "fine_structure+bell_vote",
     "fine_structure+bell_vote:area=true",
-    "vollath_f4_n+block_vote",
     "octave_structure+peak_fit",
     "sd_code+egs_code",
     "sd_code+sgfs_code",

@@ -49,12 +49,13 @@ POSITIONS = 80  # steps of the lens between its ends for the spike camera; finer
 SPLIT = "test"
 DRAWS = 2000
 METHODS: Mapping[str, Sequence[str]] = {
-    BASE: ["vollath_f4_n+block_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
-    "qvga_spad": ["vollath_f4_n+block_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
-    "imx273": ["mfdct_lee_n+argmax:window=2", "vollath_f4_n+block_vote", "tenengrad_n+argmax:window=2"],
+    BASE: ["fine_structure+bell_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
+    "qvga_spad": ["fine_structure+bell_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
+    "imx273": ["mfdct_lee_n+argmax:window=2", "fine_structure+bell_vote", "tenengrad_n+argmax:window=2"],
     "davis346": ["er_count+elp_events", "sd_code+egs_code", "gradient_code_n+egs_code"],
 }
-"""The best methods of each camera, from studies/results/cameras.md; two frames take about as long as three did."""
+"""The default method and the best others of each camera, from studies/results/cameras.md; two frames take about as long
+as three did."""
 
 
 def recipe(members: int, pixels: Sensor) -> dict[str, Any]:

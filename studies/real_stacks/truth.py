@@ -26,22 +26,16 @@ MEASURES = {
 }
 """The measure of each family whose peak is part of the truth."""
 FAMILY = {
-    **dict.fromkeys(("brenner", "gaussian_derivative", "gradient_code", "split_gradient", "squared_gradient",
-                     "tenengrad"), "gradient"),
-    **dict.fromkeys(("fine_structure", "octave_quotient", "octave_structure", "structure_calibrated", "vollath_f4",
-                     "vollath_f5"), "autocorrelation"),
+    **dict.fromkeys(("brenner", "gaussian_derivative", "gradient_code", "squared_gradient", "tenengrad"), "gradient"),
+    **dict.fromkeys(("fine_structure", "octave_structure", "structure_calibrated", "vollath_f4", "vollath_f5"),
+                    "autocorrelation"),
     **dict.fromkeys(("energy_of_laplacian", "modified_laplacian", "variance_of_laplacian"), "laplacian"),
     **dict.fromkeys(("cen", "dct_energy_ratio", "mfdct_code", "mfdct_lee", "mid_band_power", "wavelet_ratio"),
                     "spectrum"),
 }  # fmt: skip
 """Families of measures; the others, such as SD, belong to none that the truth has."""
-FAMILIES_OF_SEARCH = {
-    "agreed_peak": ("gradient",),
-    "bell_vote": ("autocorrelation",),
-    "block_vote": ("autocorrelation", "laplacian"),
-    "elp": ("laplacian",),
-}
-"""Families of the curves that searches add to the measure of the method."""
+FAMILY_OF_SEARCH = {"bell_vote": "autocorrelation", "elp": "laplacian"}
+"""Family of the curves that searches add to the measure of the method."""
 WIDE = 15.0
 """Width in pictures from which a peak is fitted to all pictures above TOP of its height."""
 TOP = 0.7
@@ -82,10 +76,7 @@ def families_of(method: str) -> frozenset[str]:
     """Return the families of the truth to which the measure and the search of a method belong."""
     measure, search = (split_options(half) for half in measure_and_search(method))
     own = FAMILY.get(measure[0].removesuffix(INTERVAL_SUFFIX).removesuffix(NORMALISED_SUFFIX))
-    added = FAMILIES_OF_SEARCH.get(search[0], ())
-    if search[0] == "block_vote" and "by=gradient" in search[1]:
-        added = ("gradient", "laplacian")
-    return frozenset({*added, *filter(None, [own])})
+    return frozenset(filter(None, (own, FAMILY_OF_SEARCH.get(search[0]))))
 
 
 def box_truth(pictures: np.ndarray, given: float | None = None) -> BoxTruth | None:

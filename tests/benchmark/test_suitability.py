@@ -58,7 +58,7 @@ def mine(tmp_path, monkeypatch):
             "bits",
             "scores by sd_calibrated, which corrects for the noise of spikes | voltages | such as sd",
         ),
-        ("octave_quotient+agreed_peak", "frames", "scores by split_gradient, which corrects for the noise of spikes"),
+        ("octave_structure+peak_fit", "frames", "scores by sd_calibrated, which corrects for the noise of spikes"),
         ("sd+coarse_to_fine:far=sd_tfi", "events", "scores by sd_tfi, which needs intervals between spikes"),
         ("sd+coarse_to_fine:far=change_rate", "events", "scores by change_rate, which makes events of spikes"),
         ("sd+coarse_to_fine", "events", ""),
@@ -74,7 +74,7 @@ def test_a_camera_of_a_kind_of_its_own_is_judged_by_the_form_of_its_recordings(m
         assert_says(error, f"{method} | {words}")
 
 
-@pytest.mark.parametrize("measure", ["sd_calibrated", "sd_calibrated:dark=0.01", saf_gen.get_measure("split_gradient")])
+@pytest.mark.parametrize("measure", ["sd_calibrated", "sd_calibrated:dark=0.01", saf_gen.get_measure("sd_debiased")])
 def test_a_measure_that_corrects_for_spikes_suits_spikes_alone(measure):
     assert measure_misfit(measure, "spikes", form="bits") is None
     error = measure_misfit(measure, "voltages", form="frames")
@@ -97,7 +97,7 @@ def test_a_method_of_others_is_refused_for_what_it_uses_of_ours(mine, recording,
     (mine / "folder").mkdir()
     (mine / "folder/search.py").write_text(GUEST)
     (mine / "folder/method.yaml").write_text(
-        "name: mine\nmeasure: split_gradient\nsearch: search.py:Middle\nfiles: [search.py]\ndescription: x\n"
+        "name: mine\nmeasure: sd_debiased\nsearch: search.py:Middle\nfiles: [search.py]\ndescription: x\n"
     )
     assert_says(refusal(evaluate, mine / recording, methods=[method]), words)
 

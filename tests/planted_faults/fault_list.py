@@ -927,25 +927,6 @@ FAULTS = {
             "plugins/test_structure.py::test_fine_structure_sees_neither_noise_nor_shading_but_texture",
         ),
     ),
-    "blocks that vote by their contrast": Fault(
-        "Blocks of a picture count by their contrast, so that the strongest edge in the box decides.",
-        (Change("plugins.searches.block_vote", "(curves - floor) / np.maximum(height, TINY)", "curves - floor"),),
-        (
-            "plugins/test_block_vote.py::test_most_of_the_area_decides_and_not_most_of_the_contrast",
-            "plugins/test_block_vote.py::test_each_curve_is_scaled_to_its_own_range_above_its_floor",
-        ),
-    ),
-    "blocks that see one half": Fault(
-        "Blocks multiply the differences of a half of a window by themselves, so that counting noise votes.",
-        (
-            Change("plugins.searches.block_vote", "(b[i + 1, j] - b[i, j])", "(a[i + 1, j] - a[i, j])"),
-            Change("plugins.searches.block_vote", "laplacian += one * two", "laplacian += one * one"),
-        ),
-        (
-            "plugins/test_block_vote.py::test_scores_of_blocks_equal_their_slow_twin",
-            "plugins/test_block_vote.py::test_counting_noise_scores_nothing",
-        ),
-    ),
     "inside to the frame's edge": Fault(
         "The region inside a target reaches the edge of the frame, where blur leaks in from what nobody has seen.",
         (Change("core.region", "np.pad(mask, MARGIN)", "np.pad(mask, MARGIN, constant_values=True)"),),

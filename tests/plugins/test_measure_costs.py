@@ -11,15 +11,7 @@ from saf_gen import get_measure
 from saf_gen.core.config import registry
 from saf_gen.core.seeds import make_generator
 from saf_gen.parts import wants_halves
-from saf_gen.plugins.measures import (
-    _filters,
-    _spectrum,
-    fine_structure,
-    gradient_code,
-    measure_names,
-    octave_quotient,
-    split_gradient,
-)
+from saf_gen.plugins.measures import _filters, _spectrum, fine_structure, gradient_code, measure_names
 
 OWN = sorted(registry._builtin_names("measures"))
 BEYOND = {"cen", "mid_band_power", "entropy", "change_rate"}
@@ -104,12 +96,7 @@ def bare(monkeypatch):
         return np.full(shape, numbers[float](0.0), dtype=object)
 
     monkeypatch.setattr(_filters, "np", SimpleNamespace(zeros=zeros, empty=zeros))
-    for module, kernel in (
-        (fine_structure, "block_structure"),
-        (gradient_code, "_magnitudes"),
-        (octave_quotient, "structure"),
-        (split_gradient, "shared_gradient"),
-    ):
+    for module, kernel in ((fine_structure, "block_structure"), (gradient_code, "_magnitudes")):
         monkeypatch.setattr(module, kernel, getattr(module, kernel).py_func)
     monkeypatch.setattr(gradient_code, "math", SimpleNamespace(sqrt=root))
 

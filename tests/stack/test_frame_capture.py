@@ -166,7 +166,7 @@ def test_the_command_makes_a_dataset_that_is_judged_resumes_and_repairs(dataset,
     for options, words in (
         ((), "--method sd+argmax:window=3"),
         (("--method", "sd_tfi+argmax:window=3"), "needs intervals between spikes"),
-        (("--method", "split_gradient+argmax:window=3"), "corrects for the noise of spikes"),
+        (("--method", "sd_debiased+argmax:window=3"), "corrects for the noise of spikes"),
     ):
         code, _, error = call("evaluate", target, *options, "--out", tmp_path / "none")
         assert (code, words in error) == (2, True), error

@@ -48,7 +48,7 @@ def test_an_export_says_that_its_reader_must_be_told_the_kind(tmp_path, call, ph
             assert np.array_equal(stream.frames(0, 400), FLAT)
 
 
-@pytest.mark.parametrize("measure", ["sd_debiased", "sd_calibrated", "split_gradient", "structure_calibrated"])
+@pytest.mark.parametrize("measure", ["sd_debiased", "sd_calibrated", "structure_calibrated"])
 def test_measures_that_correct_for_spikes_refuse_photons(tmp_path, call, photons, measure):
     with open_stream(photons) as stream:
         assert_says(refusal(score_blocks, stream, measure, window=100), NEEDS_SPIKES)

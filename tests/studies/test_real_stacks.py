@@ -68,11 +68,9 @@ def test_pictures_that_half_of_the_stack_does_not_have_make_a_truth_less_sure():
         ("vollath_f4_n+argmax:window=300", {"autocorrelation"}),
         ("octave_structure+argmax", {"autocorrelation"}),
         ("tenengrad_tfi+argmax", {"gradient"}),
-        ("energy_of_laplacian_n+agreed_peak", {"gradient", "laplacian"}),
+        ("tenengrad_n+elp", {"gradient", "laplacian"}),
         ("fine_structure+bell_vote", {"autocorrelation"}),
         ("sd+bell_vote:area=true", {"autocorrelation"}),
-        ("vollath_f4_n+block_vote", {"autocorrelation", "laplacian"}),
-        ("vollath_f4_n+block_vote:by=gradient,own=1", {"autocorrelation", "gradient", "laplacian"}),
     ],
 )
 def test_a_method_belongs_to_the_families_of_its_measure_and_its_search(method, families):

@@ -45,8 +45,6 @@ UNDECLARED = DeclaredCost(100.0, 2e5, 100.0)
 """Cost of what declares none: about as dear as the dearest that is shipped, or dearer."""
 OF_SHIPPED = {
     "PeakFit": DeclaredCost(None, 1e5, 2.0),
-    "AgreedPeak": DeclaredCost(None, 1e5, 2.0),
-    "BlockVote": DeclaredCost(None, 2e4, 12.0),
     "PhotonAware": DeclaredCost(None, 3e4),
     "SignChange": DeclaredCost(None, 2e4),
 }

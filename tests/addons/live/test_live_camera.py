@@ -63,7 +63,7 @@ def test_a_lens_takes_time_and_focus_changes_the_score(still):
     assert 0 < camera.seconds < 1
     assert camera.score("sd", frames=400) > 1.05 * LiveCamera(still, start=1.0).score("sd", frames=400)
     assert np.isfinite(far)
-    assert camera.score("split_gradient") != camera.score("sd")  # of the same window, in another form
+    assert camera.score("sd_debiased") != camera.score("sd")  # of the same window, in another form
     assert np.isfinite(camera.score("sd_tfi", frames=403))
 
 
