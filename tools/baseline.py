@@ -11,7 +11,7 @@ cameras record of them; and answers, traces, errors and costs of all methods on 
 quickstart   recipes/quickstart.yaml: at rest, full size; recaptured by an event, a photon and a frame camera, which
              are judged on the recorded track
 moving       MOVING below: two moving scenes, three lights, slices for the closed loop; recaptured by the first two
-ten          recipes/saf_bench-v3.yaml under another name: ten members of its test split
+ten          recipes/saf_bench.yaml under another name: ten members of its test split
 variety      recipes/variety.yaml, if the commit ships it
 
 Every commit is checked out into a worktree of git, and this interpreter runs its own code with PYTHONPATH; nothing is
@@ -235,7 +235,7 @@ def read_recipe(name: str, folder: Path) -> str | None:
 
     if name == "moving":
         return MOVING
-    path = folder / ("saf_bench-v3.yaml" if name == "ten" else f"{name}.yaml")
+    path = folder / ("saf_bench.yaml" if name == "ten" else f"{name}.yaml")
     text = path.read_text(encoding="utf-8") if path.is_file() else None
     if name == "ten" and text is not None:
         recipe = yaml.safe_load(text)

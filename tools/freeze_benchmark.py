@@ -1,6 +1,6 @@
 """Freeze a recipe that comes with saf_gen as a benchmark: write its digest into recipes/frozen.json.
 
-    python tools/freeze_benchmark.py saf_bench-v3
+    python tools/freeze_benchmark.py saf_bench
 
 From then on, a recipe of this name that would give other spikes is rejected, and results name the benchmark. A frozen
 benchmark never changes; a different one needs another name.

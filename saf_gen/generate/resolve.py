@@ -467,13 +467,10 @@ def _benchmark(resolved: ResolvedRecipe) -> str:
         return ""
     digest = recipe_digest(resolved)
     if digest != frozen.digest:
-        instead = "use the recipe and the scenes that come with saf_gen"
-        if frozen.generated_by:
-            instead = f"generate it by {frozen.generated_by}; this version evaluates and ranks its recordings"
         raise BadInput(
             f"the benchmark {name!r} is frozen, but this recipe would give different spikes: digest {digest:.12}…",
             allowed=f"{frozen.digest:.12}…, as on {frozen.since}",
-            hint=f"give the recipe another name, or {instead}",
+            hint="give the recipe another name, or use the recipe and the scenes that come with saf_gen",
         )
     return f"{name} {digest}"
 

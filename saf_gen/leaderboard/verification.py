@@ -32,8 +32,8 @@ TIME_AND_MACHINE = frozenset({"seconds", "machine", "reference_rate"})
 """Keys of a record whose values may differ between two runs of the same method; all others are compared."""
 PROVES = (
     "this code, with the digest in the records, gave these answers again from counts and lens positions; not proved: "
-    "that it had never seen the answers (rank on a sealed split), or that it read nothing else here (read it, or "
-    "verify in a container)"
+    "that it had never seen the answers (rank on a split drawn after the method), or that it read nothing else here "
+    "(read it, or verify in a container)"
 )
 """What a row that is re-run here proves, and what not."""
 HINT = "run saf-gen leaderboard verify again"

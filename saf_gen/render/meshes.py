@@ -9,7 +9,7 @@ The areas of a mesh lamp's faces, by which points on it are drawn, are added by 
 a fixed length, equal on any number of threads. On a card the last digits of these sums vary from run to run, and there
 is no way to hand them over.
 
-The script of ``assorted``, which is frozen with its benchmark, and scripts of others call Mitsuba's meshes themselves.
+Scripts of others may call Mitsuba's meshes themselves.
 
 Mitsuba 3.10 renames what is used here: ``positions``, ``normals`` and ``texcoords`` are tensors, ``mi.Mesh(name,
 faces=, positions=, normals=)`` builds a mesh in one call, and ``flip_normals`` is baked into the order of corners.

@@ -1,1 +1,1 @@
-"""Recipes of test splits whose seed nobody knew until their secret was published, and the script that opens them."""
+"""Test splits that nobody has seen, and the script that draws them by the commit that fixes a method."""

@@ -266,7 +266,7 @@ def test_show_says_what_a_scene_is_and_where_its_picture_is(call):
         "saf-gen scenes preview fan",
     ):
         assert text in shown
-    assert "0.5 to 5 (log-uniform)" in " ".join(call("scenes", "show", "assorted")[1].split())
+    assert "0.5 to 5 (log-uniform)" in " ".join(call("scenes", "show", "assorted_moving")[1].split())
     assert call("scenes", "show", "fann")[0] == 2
 
 

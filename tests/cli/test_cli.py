@@ -215,7 +215,7 @@ def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp
 
 
 def test_the_method_list_of_the_benchmark_is_valid():
-    assert len(read_methods(HERE.parent / "studies/results/method_lists/saf_bench-v3.txt")) > 10
+    assert len(read_methods(HERE.parent / "studies/results/method_lists/saf_bench.txt")) > 10
 
 
 def test_a_single_stream_is_evaluated_into_a_folder_next_to_it(call, dataset, tmp_path):

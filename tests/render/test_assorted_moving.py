@@ -8,6 +8,7 @@ from saf_gen.render import backend, make_renderer
 from saf_gen.render.mitsuba_scene import _scene_modules, validate_motions
 from saf_gen.scene.scene_folder import find_scene
 
+FORMS = {"flat", "slanted", "relief", "ball", "column", "two_depths", "cluttered"}
 PIXELS, PITCH_M, WAVE_M = 128, 20e-6, 555e-9  # for which the scene is drawn
 MAX_SPEED = 60.0  # pixels a second, and time slices
 
@@ -40,7 +41,7 @@ def sight_and_target(modules, member, number):
 @pytest.mark.slow
 def test_every_target_is_two_largest_blurs_wide_over_the_whole_travel(family, modules):
     """The law by the lens's own drive, over 200 members of the seed "law"; those of the longest travels included."""
-    beyond = 0
+    beyond, forms = 0, set()
     for n in range(200):
         member = family.draw_member("law", n)
         seen, target = sight_and_target(modules, member, n)
@@ -49,11 +50,12 @@ def test_every_target_is_two_largest_blurs_wide_over_the_whole_travel(family, mo
         assert modules["targets"].largest_blur_px(member.script_params["lens"], seen) == pytest.approx(blurs.max())
         assert 2 * blurs.max() <= min(target.size) * (1 + 1e-9)
         assert target.depth <= modules["scene"].MAX_DEPTH
-        if min(target.size) > PIXELS:
-            beyond += 1
-            for centre, size in zip(target.centre, target.size, strict=True):
-                assert abs(centre) + PIXELS / 2 <= size / 2 + 1e-9  # it covers the frame
+        for centre, size in zip(target.centre, target.size, strict=True):  # it is in the frame, or covers it
+            assert abs(centre) <= abs(PIXELS - size) / 2 + 1e-9
+        beyond += min(target.size) > PIXELS
+        forms.add(member.params["form"])
     assert 0 < beyond < 200
+    assert forms == FORMS
 
 
 def test_a_missing_corner_counts_by_what_the_frame_shows_of_it(family, modules):

@@ -27,8 +27,6 @@ class FrozenBenchmark(FrozenModel):
     """SHA-256 of everything that determines its spikes: recipe, scenes, sensor, and the model of lens and sensor."""
     since: date
     """Day on which it was frozen."""
-    generated_by: str = ""
-    """Version of saf_gen that generates it, if this one would give other spikes; recordings of it are still ranked."""
     sequences: dict[str, Annotated[int, Field(ge=1)]]
     """Number of sequences in each split."""
 
