@@ -212,11 +212,11 @@ def display(random: np.random.Generator) -> np.ndarray:
     return averaged(1.3 * stripe) * cloud(random, contrast=0.3)
 
 
-def lamps(random: np.random.Generator) -> np.ndarray:
-    """Return 25 lamps of 20 to 2,000 times the light of the dim ground around them, each about two pixels wide."""
+def lamps(random: np.random.Generator, *, number: int = 25, ground: float = 1.0) -> np.ndarray:
+    """Return lamps of 20 to 2,000 times the light of a dim ground (of none, if 0), each about two pixels wide."""
     points = np.zeros((SIZE, SIZE))
-    points[tuple(random.integers(8, SIZE - 8, (2, 25)))] = 10 ** random.uniform(1.3, 3.3, 25)
-    return 0.3 * (cloud(random, contrast=0.4) + gaussian_filter(points, 0.7, mode="wrap"))
+    points[tuple(random.integers(8, SIZE - 8, (2, number)))] = 10 ** random.uniform(1.3, 3.3, number)
+    return 0.3 * (ground * cloud(random, contrast=0.4) + gaussian_filter(points, 0.7, mode="wrap"))
 
 
 def leaves(random: np.random.Generator) -> np.ndarray:
@@ -269,15 +269,19 @@ def drawn(
     return Sweep((name, seed), pictures, focus, 2 / HALF_DEPTHS, rate=rate, frames=frames, lens=lens, gain=gain)
 
 
-def two_depths(name: str, seed: int) -> Sweep:
-    """Return a sweep over a target that a nearer object hides on 30 % of the box, five depths of focus in front."""
+def two_depths(name: str, seed: int, *, hidden: float = 0.3, contrast: float = 1.0) -> Sweep:
+    """Return a sweep over a target that an object hides on a part of the box, five depths of focus from it.
+
+    ``contrast`` multiplies that of the target.
+    """
     random = make_generator("adversarial", name, seed)
     focus, lens = random.uniform(0.35, 0.65), ((0.0, 1.0), (1.0, 0.0))[random.integers(2)]
     nearer = focus + 10 / HALF_DEPTHS * random.choice([-1, 1])
     mask = np.zeros((SIZE, SIZE))
-    mask[:, : int(0.3 * SIZE)] = 1.0
+    mask[:, : int(hidden * SIZE)] = 1.0
     cover = blurred(mask, nearer)
-    pictures = blurred(leaves(random) * mask, nearer) + (1 - cover) * blurred(leaves(random), focus)
+    behind = 1 + contrast * (blurred(leaves(random), focus) - 1)
+    pictures = blurred(leaves(random) * mask, nearer) + (1 - cover) * behind
     return Sweep((name, seed), pictures.clip(0), focus, 2 / HALF_DEPTHS, lens=lens)
 
 
@@ -289,14 +293,18 @@ def lamp_goes_out(times: np.ndarray) -> np.ndarray:
 SCENES: dict[str, Callable[[str, int], Sweep]] = {
     "leaves, nothing hard": lambda n, s: drawn(n, s, leaves),
     "halftone, 4 px": lambda n, s: drawn(n, s, lambda r: halftone(r, 4)),
+    "halftone, 3 px": lambda n, s: drawn(n, s, lambda r: halftone(r, 3)),
     "weave, 4 px": lambda n, s: drawn(n, s, lambda r: weave(r, 4)),
     "weave, 5 px": lambda n, s: drawn(n, s, lambda r: weave(r, 5)),
     "mesh, 6 px": lambda n, s: drawn(n, s, lambda r: mesh(r, 6)),
     "display, 3 px": lambda n, s: drawn(n, s, display),
     "night lamps": lambda n, s: drawn(n, s, lamps, rate=0.05),
+    "14 lamps on black": lambda n, s: drawn(n, s, lambda r: lamps(r, number=14, ground=0.0), rate=0.05),
     "nearer object, 30 % of the box": two_depths,
+    "nearer, richer object, 40 % of the box": lambda n, s: two_depths(n, s, hidden=0.4, contrast=0.5),
     "lamp that goes out": lambda n, s: drawn(n, s, leaves, gain=lamp_goes_out),
     "very dim (rate 0.01)": lambda n, s: drawn(n, s, leaves, rate=0.01),
+    "hardly any light (rate 0.0015)": lambda n, s: drawn(n, s, leaves, rate=0.0015),
     "short (300 frames)": lambda n, s: drawn(n, s, leaves, frames=300),
     "skew lens": lambda n, s: drawn(n, s, lambda r: cloud(r, contrast=0.4), psf=skew),
 }

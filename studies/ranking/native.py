@@ -88,7 +88,7 @@ def recipe(members: int, pixels: Sensor) -> dict[str, Any]:
         },
         "splits": {
             SPLIT: {
-                "scenes": ["assorted"],
+                "scenes": ["assorted_moving"],
                 "members": members,
                 "lights": ["constant", "brighter", "darker", "mains"],
                 "lights_each": 2,
@@ -281,7 +281,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder that keeps what is made")
     parser.add_argument("--camera", nargs="+", default=list(METHODS), choices=list(METHODS))
-    parser.add_argument("--members", type=int, default=24, help="members of assorted")
+    parser.add_argument("--members", type=int, default=24, help="members of assorted_moving")
     asked = parser.parse_args(given)
     try:
         check_writable(asked.out)
