@@ -160,14 +160,14 @@ def test_a_command_that_fails_only_after_fails(baseline, read, capsys):
 def test_methods_are_all_that_a_commit_lists_and_that_suit_the_camera(baseline, camera, refused):
     listed = {
         "measures": [{"name": "sd_code", "forms": "_tfi"}, {"name": "sd_calibrated", "forms": ""}],
-        "searches": [{"name": "elp_events", "kind": "estimates"}, {"name": "ternary", "kind": "commands"}],
+        "searches": [{"name": "elp_events", "kind": "estimates"}, {"name": "fibonacci", "kind": "commands"}],
     }
     found = {
         track: baseline.choose_methods(listed, camera=camera, track=track, all_forms=camera == "spikes")
         for track in ("recorded", "closed_loop")
     }
     assert "sd_code+argmax" in found["recorded"]
-    assert "sd_code+ternary" in found["closed_loop"]
+    assert "sd_code+fibonacci" in found["closed_loop"]
     assert not any(refused in method for methods in found.values() for method in methods)
 
 

@@ -28,7 +28,6 @@ WARNINGS = {
     "elp_events": ["finds a bell"],  # as published, it answers a window early, for the lag of its filter
     "middle": ["finds a bell"],  # it looks at nothing
     "sgfs_printed": ["finds a bell"],  # the algorithm as the paper prints it stops at once
-    "sign_change": ["finds a bell"],  # it cannot separate growth from noise if the bell begins in its first blocks
     "valley": ["finds a bell"],  # it looks for the lowest position between two peaks
 }
 """Known warnings of checks for registered searches."""

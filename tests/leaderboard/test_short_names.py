@@ -23,7 +23,7 @@ RECORDS = [record(method, "a", 0.3) for method in ("sd+argmax", "sd+argmax:windo
                 "golden_section": "golden section search",
             },
         ),
-        ("squared_gradient+ternary", {"ternary": "ternary search"}),
+        ("squared_gradient+fibonacci", {"fibonacci": "Fibonacci search"}),
         ("mine.py:Mine+argmax", {"argmax": "exhaustive search"}),
         ("their_network", {}),
         ("their network@nowhere", {}),

@@ -19,7 +19,6 @@ RATIO = (math.sqrt(5) - 1) / 2
 PROMISES = {
     "golden_section": RATIO * RATIO**10,  # of the last bracket, after 10 steps
     "fibonacci": 1 / 233,
-    "ternary": (2 / 3) ** 13,
     "hill_climb": 0.01,
     "rule_based": 0.005,
     "coarse_to_fine": 0.01,
@@ -59,15 +58,13 @@ def search_from_the_left(name, peak=0.4, **options):
 
 
 @pytest.mark.parametrize("tolerance", [0.3, 0.01])
-def test_golden_section_and_ternary_take_the_samples_that_theory_says(tolerance):
+def test_golden_section_takes_the_samples_that_theory_says(tolerance):
     steps = math.ceil(math.log(tolerance) / math.log(RATIO))
     for peak in PEAKS:
         view, answer = search_from_the_left("golden_section", peak, tolerance=tolerance)
         assert len(view.scored) == steps + 1
         assert RATIO**steps <= tolerance < RATIO ** (steps - 1)
         assert abs(answer.position - peak) <= RATIO ** (steps + 1) + 4 * SENSOR
-    steps = math.ceil(math.log(tolerance) / math.log(2 / 3))
-    assert len(search_from_the_left("ternary", tolerance=tolerance)[0].scored) == 2 * steps
 
 
 @pytest.mark.parametrize(("tolerance", "parts", "count"), [(0.5, 5, 3), (0.1, 21, 6), (0.01, 233, 11)])

@@ -49,9 +49,7 @@ def test_nobody_abstains_where_peak_fit_answers(name, last):
     assert answer.frame == (None if ours.frame is None else plain.frame)
 
 
-@pytest.mark.parametrize(
-    "name", ["golden_section", "fibonacci", "ternary", "hill_climb", "rule_based", "coarse_to_fine"]
-)
+@pytest.mark.parametrize("name", ["golden_section", "fibonacci", "hill_climb", "rule_based", "coarse_to_fine"])
 def test_a_lens_that_is_moved_to_an_end_has_no_answer(name):
     def camera(peak):
         return IdealCamera(bell_curve(peak), start=0.5, others={"sd": bell_curve(peak, width=0.25)})

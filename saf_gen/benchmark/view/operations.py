@@ -46,7 +46,6 @@ UNDECLARED = DeclaredCost(100.0, 2e5, 100.0)
 OF_SHIPPED = {
     "PeakFit": DeclaredCost(None, 1e5, 2.0),
     "PhotonAware": DeclaredCost(None, 3e4),
-    "SignChange": DeclaredCost(None, 2e4),
 }
 """Costs of searches that do more than compare scores; they stand here because the files of searches are frozen."""
 SHIPPED = DeclaredCost(None, 4e3)
