@@ -1,6 +1,6 @@
 """How often the answer of all measures is right, by how many of them agree: what a recording without a truth gets.
 
-    python -m studies.ranking.answers_without_truth studies/results/saf_bench-v3-records.xz
+    python -m studies.ranking.answers_without_truth studies/results/saf_bench/box-records.xz
 
 The records of the methods that run by default are taken, as if the truth were unknown; it then judges the answer.
 """

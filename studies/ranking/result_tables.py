@@ -102,20 +102,23 @@ def tabulate_all(columns: Sequence[Column]) -> str:
 
 def tabulate_success(columns: Sequence[Column]) -> str:
     """Return a table of success within one (half a) depth of focus, of the methods shown."""
-    rows = [_per_column(method, columns, _success) for method in _shown(columns)]
-    return _grid(["method", *(column.title for column in columns)], rows)
+    held = [column.rows(SHOWN) for column in columns]
+    methods = [method for method in SHOWN if any(method in rows for rows in held)]
+    lines = ([f"`{method}`", *(_success(rows.get(method)) for rows in held)] for method in methods)
+    return _grid(["method", *(column.title for column in columns)], lines)
 
 
 def tabulate_drives(columns: Sequence[Column]) -> str:
     """Return a table of success in the closed loop and the mean time until the lens was in focus, of all methods."""
 
+    held = [column.rows() for column in columns]
+
     def cell(row: LeaderboardRow | None) -> str:
         time = None if row is None else row.time_to_focus_s
         return f"{_percent(row.answerable_1dof if row else None)}, {'–' if time is None else f'{time:.2f}'} s"
 
-    methods = list(columns[0].rows())
-    names = [column.title.removeprefix("loop ") for column in columns]
-    return _grid(["method", *names], [_per_column(method, columns, cell) for method in methods])
+    lines = ([f"`{method}`", *(cell(rows.get(method)) for rows in held)] for method in held[0])
+    return _grid(["method", *(column.title.removeprefix("loop ") for column in columns)], lines)
 
 
 def tabulate_abstention(columns: Sequence[Column]) -> str:
@@ -131,15 +134,6 @@ def tabulate_abstention(columns: Sequence[Column]) -> str:
         held = [column.rows()[method] for column in columns]
         lines.append([f"`{method}`", *(str(n) for row in held for n in (row.false_answers, row.false_abstentions))])
     return _grid(header, lines)
-
-
-def _shown(columns: Sequence[Column]) -> list[str]:
-    held = set().union(*(column.rows() for column in columns))
-    return [method for method in SHOWN if method in held]
-
-
-def _per_column(method: str, columns: Sequence[Column], cell: Callable[[LeaderboardRow | None], str]) -> list[str]:
-    return [f"`{method}`", *(cell(column.rows().get(method)) for column in columns)]
 
 
 TABLES: dict[str, Callable[[Sequence[Column]], str]] = {

@@ -22,15 +22,16 @@ from studies.ranking.packed_records import read_packed_records
 COUNTS = 5, 10, 20, 40, 80, 120, 240
 DRAWS, SEED = 40, 1
 METHODS = (
-    "vollath_f4_n+block_vote",
+    "fine_structure+bell_vote",
+    "fine_structure+argmax_light",
+    "octave_structure+argmax:window=300",
+    "vollath_f4_n+argmax:window=300",
     "gradient_code_n+egs_code",
     "sd_code+egs_code",
-    "sd_code+argmax",
-    "gradient_code+egs_code",
-    "sd_tfi+argmax",
-    "mfdct_code+argmax",
+    "sd+sgfs_causal",
+    "er_sumsq+argmax",
 )
-"""The best of saf_bench-v3, and methods that are behind it by 4 to 40 points."""
+"""The best of saf_bench, and methods that are behind it by 3 to 68 points."""
 
 
 def draw_tables(records: Sequence[Record], count: int, *, draws: int, seed: int = SEED) -> list[list[LeaderboardRow]]:

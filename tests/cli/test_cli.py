@@ -21,7 +21,7 @@ from small_dataset import HERE, SCENES, SMALL_RECIPE
 
 import saf_gen
 from saf_gen.benchmark.admission import read_methods
-from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS
+from saf_gen.benchmark.method_spec import DEFAULT_RECORDED_METHODS, parse_method
 from saf_gen.cli import _terminal, main, root_command
 from saf_gen.cli.dataset_commands import _name_some
 from saf_gen.core.files import atomic_file
@@ -214,8 +214,11 @@ def test_a_list_of_methods_that_cannot_be_used_is_one_line(refused, dataset, tmp
     assert not (tmp_path / "out").exists()
 
 
-def test_the_method_list_of_the_benchmark_is_valid():
-    assert len(read_methods(HERE.parent / "studies/results/method_lists/saf_bench.txt")) > 10
+def test_the_methods_of_the_benchmark_are_there():
+    for path in (HERE.parent / "studies/results/method_lists").iterdir():
+        methods = read_methods(path)
+        assert [parse_method(name).name for name in methods] == methods, path.name
+        assert len(methods) > 10
 
 
 def test_a_single_stream_is_evaluated_into_a_folder_next_to_it(call, dataset, tmp_path):
