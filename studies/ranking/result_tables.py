@@ -68,12 +68,12 @@ def _rank(column: Column, methods: tuple[str, ...]) -> dict[str, LeaderboardRow]
 
 
 def _percent(fraction: float | None) -> str:
-    return "–" if fraction is None else percent(fraction).replace("%", " %")
+    return "–" if fraction is None else percent(fraction).removesuffix("%")
 
 
-def _success(row: LeaderboardRow | None, *, ends: bool = False) -> str:
+def _success(row: LeaderboardRow, *, ends: bool = False) -> str:
     """Return the success within one depth of focus, with its interval if asked, and within half in brackets if not."""
-    if row is None or row.answerable_1dof is None:
+    if row.answerable_1dof is None:
         return "–"
     if not ends or row.answerable_1dof_low is None or row.answerable_1dof_high is None:
         return f"{_percent(row.answerable_1dof)} ({100 * (row.answerable_half_dof or 0):.0f})"
@@ -82,13 +82,13 @@ def _success(row: LeaderboardRow | None, *, ends: bool = False) -> str:
 
 
 def _grid(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "".join(f"| {' | '.join(line)} |\n" for line in (header, ["---"] * len(header), *rows))
+    return "".join(f"|{'|'.join(line)}|\n" for line in (header, ["---"] * len(header), *rows))
 
 
 def tabulate_all(columns: Sequence[Column]) -> str:
     """Return a table of all methods, in the order of the first column, with success in the others."""
     first = columns[0]
-    header = ["#", "method", *(word for c in columns for word in (f"{c.title}, ≤ 1 DoF", "≤ ½"))]
+    header = ["#", "method", *(word for c in columns for word in (f"{c.title}: ≤ 1 DoF, %", "≤ ½"))]
     rows = []
     for method, row in first.rows().items():
         cells = [f"{row.rank}{'~' if row.level_with_best and row.rank != 1 else ''}", f"`{method}`"]
@@ -97,14 +97,14 @@ def tabulate_all(columns: Sequence[Column]) -> str:
             cells += [_success(at, ends=True), _percent(at.answerable_half_dof)]
         error = "–" if row.median_error_dof is None else f"{row.median_error_dof:.2f}"
         rows.append([*cells, error, _percent(row.frames_seen)])
-    return _grid([*header, "median error, DoF", "frames seen"], rows)
+    return _grid([*header, "median error, DoF", "frames seen, %"], rows)
 
 
 def tabulate_success(columns: Sequence[Column]) -> str:
-    """Return a table of success within one (half a) depth of focus, of the methods shown."""
+    """Return a table of success within one (half a) depth of focus, of the methods shown that each column has."""
     held = [column.rows(SHOWN) for column in columns]
-    methods = [method for method in SHOWN if any(method in rows for rows in held)]
-    lines = ([f"`{method}`", *(_success(rows.get(method)) for rows in held)] for method in methods)
+    methods = [method for method in SHOWN if all(method in rows for rows in held)]
+    lines = ([f"`{method}`", *(_success(rows[method]) for rows in held)] for method in methods)
     return _grid(["method", *(column.title for column in columns)], lines)
 
 
@@ -115,7 +115,7 @@ def tabulate_drives(columns: Sequence[Column]) -> str:
 
     def cell(row: LeaderboardRow | None) -> str:
         time = None if row is None else row.time_to_focus_s
-        return f"{_percent(row.answerable_1dof if row else None)}, {'–' if time is None else f'{time:.2f}'} s"
+        return f"{_percent(row.answerable_1dof if row else None)}, {'–' if time is None else f'{time:.2f}'}"
 
     lines = ([f"`{method}`", *(cell(rows.get(method)) for rows in held)] for method in held[0])
     return _grid(["method", *(column.title.removeprefix("loop ") for column in columns)], lines)
@@ -127,8 +127,8 @@ def tabulate_abstention(columns: Sequence[Column]) -> str:
     header = ["method"]
     for column in columns:
         row = next(iter(column.rows().values()))
-        header += [f"{column.title}: answers, of {row.without_answer} without one"]
-        header += [f"{column.title}: none, of {row.answerable} with one"]
+        header += [f"{column.title}: answers of {row.without_answer} without"]
+        header += [f"none of {row.answerable}"]
     lines = []
     for method in methods:
         held = [column.rows()[method] for column in columns]
