@@ -61,10 +61,7 @@ def test_the_table_of_all_methods_has_success_with_its_interval_best_first(folde
 def test_a_column_may_be_a_bin_of_a_condition(folder):
     head, *lines = make(folder, "success", "inside inside[light=darker] inside[stratum=one depth]")
     assert head == ["method", "inside", "inside, darker", "inside, one depth"]
-    assert lines == [
-        [f"`{GOOD}`", "100 (100)", "100 (100)", "100 (100)"],
-        [f"`{BAD}`", "50 (50)", "0 (0)", "50 (50)"],
-    ]
+    assert lines == [[f"`{GOOD}`", "100 (100)", "100 (100)", "100 (100)"], [f"`{BAD}`", "50 (50)", "0 (0)", "50 (50)"]]
 
 
 def test_the_closed_loop_has_the_time_to_focus_of_each_drive(folder):
