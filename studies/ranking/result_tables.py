@@ -29,7 +29,8 @@ TABLE = re.compile(r"(<!-- table: (\w+) (.+?) -->\n).*?(<!-- end -->)", re.DOTAL
 COLUMN = re.compile(r"([\w-]+)(?:\[(\w+)=([^\]]+)\])?")
 SHOWN = (
     *("fine_structure+bell_vote", "fine_structure+bell_vote:area=true", "fine_structure+argmax_light"),
-    *("octave_structure+argmax:window=300", "octave_structure+peak_fit", "tenengrad_n+argmax"),
+    *("octave_structure+argmax_light", "octave_structure+argmax:window=300", "octave_structure+peak_fit"),
+    "tenengrad_n+argmax",
     *("vollath_f4_n+block_vote", "gradient_code_n+egs_code", "sd_code+egs_code", "sd_code+sgfs_code"),
     *("sd+sgfs_causal", "sd+argmax", "er_sumsq+argmax", "sd+middle"),
 )
@@ -91,13 +92,14 @@ def tabulate_all(columns: Sequence[Column]) -> str:
     header = ["#", "method", *(word for c in columns for word in (f"{c.title}: ≤ 1 DoF, %", "≤ ½"))]
     rows = []
     for method, row in first.rows().items():
-        cells = [f"{row.rank}{'~' if row.level_with_best and row.rank != 1 else ''}", f"`{method}`"]
+        cells = [str(row.rank), f"`{method}`"]
         for column in columns:
             at = column.rows()[method]
-            cells += [_success(at, ends=True), _percent(at.answerable_half_dof)]
+            level = "~" if at.level_with_best and at.rank != 1 else ""
+            cells += [f"{_success(at, ends=True)}{level}", _percent(at.answerable_half_dof)]
         error = "–" if row.median_error_dof is None else f"{row.median_error_dof:.2f}"
         rows.append([*cells, error, _percent(row.frames_seen)])
-    return _grid([*header, "median error, DoF", "frames seen, %"], rows)
+    return _grid([*header, f"{first.title}: median error, DoF", "frames seen, %"], rows)
 
 
 def tabulate_success(columns: Sequence[Column]) -> str:
@@ -127,10 +129,11 @@ def tabulate_abstention(columns: Sequence[Column]) -> str:
     header = ["method"]
     for column in columns:
         row = next(iter(column.rows().values()))
-        header += [f"{column.title}: answers of {row.without_answer} without"]
-        header += [f"none of {row.answerable}"]
+        header += [f"{column.title}: answers, of {row.without_answer} without a focus"]
+        header += [f"{column.title}: no answer, of {row.answerable} with one"]
     lines = []
-    for method in methods:
+    best = columns[0].rows()
+    for method in sorted(methods, key=lambda m: ((best[m].false_abstentions or 0) + (best[m].false_answers or 0), m)):
         held = [column.rows()[method] for column in columns]
         lines.append([f"`{method}`", *(str(n) for row in held for n in (row.false_answers, row.false_abstentions))])
     return _grid(header, lines)
