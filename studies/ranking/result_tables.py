@@ -35,6 +35,9 @@ SHOWN = (
     *("sd+sgfs_causal", "sd+argmax", "er_sumsq+argmax", "sd+middle"),
 )
 """Methods of the tables that do not list all: ours, the best of other searches, the paper's, and guessing."""
+FAR_DOF = 2.0
+EARLY, GUESS = 0.9, 0.5
+"""Largest share of the frames, and least success, of a method in the table of frames."""
 
 
 class Column(NamedTuple):
@@ -49,6 +52,11 @@ class Column(NamedTuple):
         """What the column holds, in words."""
         return self.file.name.removesuffix("-records.xz").replace("_", " ") + (f", {self.bin}" if self.bin else "")
 
+    def records(self) -> list[Record]:
+        """Return the records of all methods."""
+        bin_of = next((axis.bin_of for axis in AXES if axis.name == self.axis), None)
+        return [record for record in _read(self.file) if bin_of is None or bin_of(record) == self.bin]
+
     def rows(self, methods: Sequence[str] = ()) -> dict[str, LeaderboardRow]:
         """Return the row of each method, best first; of these methods only, if some are named."""
         return _rank(self, tuple(methods))
@@ -61,10 +69,7 @@ def _read(file: Path) -> list[Record]:
 
 @cache
 def _rank(column: Column, methods: tuple[str, ...]) -> dict[str, LeaderboardRow]:
-    records = [record for record in _read(column.file) if not methods or record.who.method in methods]
-    if column.axis:
-        bin_of = next(axis.bin_of for axis in AXES if axis.name == column.axis)
-        records = [record for record in records if bin_of(record) == column.bin]
+    records = [record for record in column.records() if not methods or record.who.method in methods]
     return {row.method: row for row in rank_methods(records)}
 
 
@@ -139,11 +144,41 @@ def tabulate_abstention(columns: Sequence[Column]) -> str:
     return _grid(header, lines)
 
 
+def tabulate_wrong(columns: Sequence[Column]) -> str:
+    """Return a table of wrong answers, and of those beyond two depths of focus, of the best methods shown."""
+    lines = []
+    for method in SHOWN[:3]:
+        cells = [f"`{method}`"]
+        for column in columns:
+            held = [r for r in column.records() if r.who.method == method and r.answerable]
+            wrong = [r.judgement.error_dof for r in held if not r.success()]
+            far = sum(error is None or abs(error) > FAR_DOF for error in wrong)
+            cells.append(f"{len(wrong)} of {len(held)} ({far})")
+        lines.append(cells)
+    return _grid(["method", *(column.title for column in columns)], lines)
+
+
+def tabulate_frames(columns: Sequence[Column]) -> str:
+    """Return a table of the frames seen, beside the success, of each method that stops before the sweep ends."""
+    held = [column.rows() for column in columns]
+    early = [
+        m for m, row in held[0].items() if (row.frames_seen or 1.0) < EARLY and (row.answerable_1dof or 0.0) > GUESS
+    ]
+
+    def cell(row: LeaderboardRow | None) -> str:
+        return "–" if row is None else f"{_percent(row.frames_seen)}: {_percent(row.answerable_1dof)}"
+
+    lines = ([f"`{method}`", *(cell(rows.get(method)) for rows in held)] for method in early)
+    return _grid(["method", *(column.title for column in columns)], lines)
+
+
 TABLES: dict[str, Callable[[Sequence[Column]], str]] = {
     "all": tabulate_all,
     "success": tabulate_success,
     "drives": tabulate_drives,
     "abstention": tabulate_abstention,
+    "wrong": tabulate_wrong,
+    "frames": tabulate_frames,
 }
 
 

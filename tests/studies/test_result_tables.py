@@ -84,6 +84,26 @@ def test_false_answers_are_counted_beside_false_abstentions(tmp_path):
     assert line == [f"`{BAD}`", "1", "2"], "a method that always answers has no row"
 
 
+def test_wrong_answers_are_counted_and_those_that_are_far_off(tmp_path):
+    errors = 0.1, 0.9, 1.5, 2.5, -7.0
+    shown = result_tables.SHOWN[:3]
+    records = [record(m, f"{n}", e, scene=f"s{n}", focus_off_dof=0.0) for m in shown for n, e in enumerate(errors)]
+    records += [record(m, "9", 9.0, scene="s9", focus_off_dof=3.0) for m in shown]  # nothing could be right there
+    write_packed_records(tmp_path / "inside-records.xz", records)
+    _, *lines = make(tmp_path, "wrong", "inside")
+    assert lines == [[f"`{method}`", "3 of 5 (2)"] for method in shown]
+
+
+def test_methods_that_stop_early_are_listed_with_the_share_of_the_frames_that_they_saw(tmp_path):
+    records = [
+        record(method, f"{n}", 0.1, scene=f"s{n}", frames_seen=seen, frames=800)
+        for method, seen in ((GOOD, 800), (BAD, 200))
+        for n in range(4)
+    ]
+    write_packed_records(tmp_path / "inside-records.xz", records)
+    assert make(tmp_path, "frames", "inside") == [["method", "inside"], [f"`{BAD}`", "25: 100"]]
+
+
 def test_records_that_cannot_be_read_are_one_line(tmp_path, capsys):
     page = tmp_path / "page.md"
     page.write_text("<!-- table: all inside -->\n<!-- end -->\n")
