@@ -1,6 +1,6 @@
 """Cameras as they are: every camera behind the same lens, in the same light, with its own pixels.
 
-    python -m studies.ranking.native --out FOLDER [--camera NAME ...] [--members 24]
+    python -m studies.ranking.native --out FOLDER [--camera NAME ...] [--members 24] [--lux L [--seconds S]]
 
 Each camera has its own pitch, fill factor and quantum efficiency, and sees the same field, 1.28 mm wide and high, of
 the same members and lights at equal lux. A stack is rendered on the pixels of each camera, by a recipe whose spike
@@ -9,14 +9,17 @@ is as much higher or lower as its pixels collect more or less. Errors are in mic
 sharp image of the target, because a depth of focus is as deep as pixels are large. FOLDER keeps what is finished, and
 a second run goes on there.
 
-Pixels of a machine-vision camera are 3.45 µm, and the renderer's own noise in them would be larger than the contrast of
-many scenes; sums of 4 × 4 of them are taken for one here, as is done off the chip for the sake of speed and noise.
+With ``--lux``, the target throws so much light of 555 nm on the sensor, in focus and at gain 1: behind f/2, 1 lux is a
+dim room (30 lux), and 625 lux is daylight (20,000). Each level records the same stacks, and its recordings are removed
+once they are judged. ``--seconds`` is the time of the sweep, so that cameras collect in the dark what they need.
 """
 
 import argparse
+import json
+import shutil
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,7 @@ import yaml
 from saf_gen.benchmark.evaluate import evaluate
 from saf_gen.benchmark.records import RECORDS_FILE, Record, read_records, write_records
 from saf_gen.camera import Sensor, get_sensor
+from saf_gen.camera.exposure import electrons_per_irradiance, firing_rate
 from saf_gen.camera.frames import FrameSensor
 from saf_gen.camera.photons import SpadSensor
 from saf_gen.core.config.json_document import load_plain_json
@@ -34,13 +38,15 @@ from saf_gen.errors import BadInput
 from saf_gen.generate.resolve import resolve_recipe
 from saf_gen.generate.run import generate
 from saf_gen.optics import drive_from_dict
-from saf_gen.stack.recapture import CAMERAS, Recapture
+from saf_gen.stack.recapture import CAMERAS, STACKS, Recapture
 from saf_gen.stream.manifest import read_manifest
 from saf_gen.stream.stream_file import open_stream
 from studies.ranking.cameras import SEED, interval
 
 FIELD_M = 1.28e-3  # side of the square that all cameras see: 64 pixels of a spike camera
 BASE = "vidar_128x128"  # the spike camera, in whose rate the light is set
+LUMENS_PER_W = 683.0  # at 555 nm
+DIM_SHOT_HZ = ((5.0, 10.0), (25.0, 5.0))  # events of noise per pixel and second up to so many lux, from DND21 and v2e
 BIN = 4  # pixels of imx273 in a row, and in a column, that make one
 ROW_S, PAUSE_ROWS = 396 / 74.25e6, 42  # of imx273 at 12 bits: seconds per row, and rows between two frames
 LOG_HZ = 2_000  # readouts per second of a sensor whose spikes nobody looks at: they log the lens, and small files do
@@ -52,13 +58,20 @@ METHODS: Mapping[str, Sequence[str]] = {
     BASE: ["fine_structure+bell_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
     "qvga_spad": ["fine_structure+bell_vote", "octave_structure+argmax", "gradient_code_n+egs_code"],
     "imx273": ["mfdct_lee_n+argmax:window=2", "fine_structure+bell_vote", "tenengrad_n+argmax:window=2"],
-    "davis346": ["er_count+elp_events", "sd_code+egs_code", "gradient_code_n+egs_code"],
+    "davis346": ["er_count+event_reversal", "er_count+elp_events", "gradient_code_n+egs_code"],
 }
 """The default method and the best others of each camera, from studies/results/cameras.md; two frames take about as long
 as three did."""
 
 
-def recipe(members: int, pixels: Sensor) -> dict[str, Any]:
+def rate_at(lux: float) -> float:
+    """Return the mean rate of the spike camera, with its dark current, at a light of ``lux`` on its pixels."""
+    sensor = get_sensor(BASE)
+    charge = lux / LUMENS_PER_W * electrons_per_irradiance(sensor)
+    return float(firing_rate(np.array(charge + sensor.mean_dark_e), sensor))
+
+
+def recipe(members: int, pixels: Sensor, *, lux: float | None = None, seconds: float = 1.0) -> dict[str, Any]:
     """Return the recipe of a camera with these pixels; members, motions, light and rates are those of all cameras."""
     finer = get_sensor(BASE).pitch_m / pixels.pitch_m
     return {
@@ -66,8 +79,8 @@ def recipe(members: int, pixels: Sensor) -> dict[str, Any]:
         "seed": 57,
         "camera": {
             "sensor": "pixels.yaml",
-            "frames": round(pixels.readout_hz),
-            "exposure": {"mean_rate": {"log_uniform": [0.02, 0.4]}},
+            "frames": round(pixels.readout_hz * seconds),
+            "exposure": {"mean_rate": {"log_uniform": [0.02, 0.4]} if lux is None else rate_at(lux)},
         },
         "focus": {
             "positions": round(POSITIONS * finer) + 1,
@@ -117,12 +130,16 @@ def pixels_of(camera: Any) -> Sensor:
     )
 
 
-def camera_of(name: str) -> Any:
-    """Return a camera by name; a frame camera reads the rows of the field, which sets its rate."""
+def camera_of(name: str, lux: float | None = None) -> Any:
+    """Return a camera by name; a frame camera reads the rows of the field, which sets its rate.
+
+    The noise of an event camera is that which was published for so much light.
+    """
     if name == BASE:
         return get_sensor(name)
     if name == "davis346":
-        return get_sensor(name, kind="events")
+        noise = next((hz for most, hz in DIM_SHOT_HZ if lux is not None and lux <= most), None)
+        return get_sensor(name, kind="events", **({} if noise is None else {"shot_hz": noise}))
     if name == "qvga_spad":
         return get_sensor(name, kind="photons")
     one = get_sensor(name, kind="frames")
@@ -153,39 +170,52 @@ class Answer:
     error_dof: float | None
 
 
-def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]]:
+def run(
+    name: str, *, folder: Path, members: int, lux: float | None = None, seconds: float = 1.0, region: str = "target"
+) -> dict[str, dict[str, Answer]]:
     """Render, record and judge one camera in ``folder``; return its answers by method and sequence.
 
     Raises BadInput if a sequence fails, or the folder cannot be written to.
     """
-    camera = camera_of(name)
+    camera, level = camera_of(name, lux), "dataset" if lux is None else f"{lux:g}-lux-{seconds:g}-s"
+    if lux is not None and (earlier := _kept_answers(folder / f"{level}-{region}.json", METHODS[name], members)):
+        return earlier
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from error
     pixels = pixels_of(camera)
     write_text(folder / "pixels.yaml", yaml.safe_dump({"kind": "spikes", **pixels.as_dict()}, sort_keys=False))
-    write_text(folder / "recipe.yaml", yaml.safe_dump(recipe(members, pixels), sort_keys=False))
-    dataset = folder / "dataset"
+    made_by = recipe(members, pixels) if lux is None else recipe(members, pixels, lux=lux, seconds=seconds)
+    write_text(folder / "recipe.yaml", yaml.safe_dump(made_by, sort_keys=False))
+    dataset = folder / level
+    if lux is not None:
+        (folder / STACKS).mkdir(exist_ok=True)
+        dataset.mkdir(exist_ok=True)
+        if not (dataset / STACKS).is_symlink():
+            (dataset / STACKS).symlink_to(Path("..") / STACKS, target_is_directory=True)
     made = generate(resolve_recipe(folder / "recipe.yaml"), dataset, tell=print)
     _refuse_failures(made.failed)
     judged = dataset if name == BASE else dataset / CAMERAS / name
     manifest = read_manifest(dataset)
     if name != BASE:
         given = name
-        if isinstance(camera, FrameSensor):
+        if camera != get_sensor(name, kind=camera.kind):
             given = str(folder / "camera.yaml")
-            write_text(Path(given), yaml.safe_dump({"kind": "frames", **camera.as_dict()}, sort_keys=False))
+            write_text(Path(given), yaml.safe_dump({"kind": camera.kind, **camera.as_dict()}, sort_keys=False))
         other = Recapture.by(given)
         done = other.record_all(dataset, manifest.sequences, target=judged, tell=print)
         _refuse_failures(done.failed)
         other.finish(dataset, manifest, target=judged)
-    kept, recorded = folder / RECORDS_FILE, {entry.content_sha256 for entry in read_manifest(judged).sequences}
+    kept, recorded = (
+        (folder if lux is None else dataset) / RECORDS_FILE,
+        {entry.content_sha256 for entry in read_manifest(judged).sequences},
+    )
     found = read_records(kept) if kept.exists() else []
     if {record.what.data for record in found} != recorded or {record.who.method for record in found} != set(
         METHODS[name]
     ):
-        result = evaluate(judged, methods=METHODS[name], split=SPLIT, draw=False)
+        result = evaluate(judged, methods=METHODS[name], split=SPLIT, region=region, draw=False)
         _refuse_failures({failure.sequence: failure.problem for failure in result.failures})
         found = list(result.records)
         write_records(kept, found)
@@ -196,7 +226,22 @@ def run(name: str, *, folder: Path, members: int) -> dict[str, dict[str, Answer]
             answers.setdefault(record.who.method, {})[record.what.sequence] = _answer(
                 record, drives[record.what.sequence]
             )
+    if lux is not None:
+        write_records(folder / f"{level}-{region}.jsonl", found)
+        held = {method: {name: asdict(one) for name, one in of.items()} for method, of in answers.items()}
+        write_text(folder / f"{level}-{region}.json", json.dumps({"members": members, "answers": held}))
+        shutil.rmtree(dataset)  # the stacks are elsewhere
     return answers
+
+
+def _kept_answers(path: Path, methods: Sequence[str], members: int) -> dict[str, dict[str, Answer]]:
+    """Return the answers of a finished level; empty if it is of other methods or members, or not there."""
+    if not path.exists():
+        return {}
+    held: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if held["members"] != members or set(held["answers"]) != set(methods):
+        return {}
+    return {method: {name: Answer(**one) for name, one in of.items()} for method, of in held["answers"].items()}
 
 
 def _refuse_failures(failed: Mapping[str, object]) -> None:
@@ -282,10 +327,18 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder that keeps what is made")
     parser.add_argument("--camera", nargs="+", default=list(METHODS), choices=list(METHODS))
     parser.add_argument("--members", type=int, default=24, help="members of assorted_moving")
+    parser.add_argument("--lux", type=float, help="light on the sensor (default: drawn for each member)")
+    parser.add_argument("--seconds", type=float, default=1.0, help="time of the sweep, with --lux")
+    parser.add_argument("--region", default="target", choices=["target", "inside"], help="where methods look")
     asked = parser.parse_args(given)
+    more = {"lux": asked.lux, "seconds": asked.seconds, "region": asked.region}
     try:
+        if not (asked.lux is None or 0.01 <= asked.lux <= 1500) or not 0.01 <= asked.seconds <= 100:
+            raise BadInput(
+                f"--lux is {asked.lux}, --seconds {asked.seconds:g}", allowed="0.01 to 1500 lux, 0.01 to 100 s"
+            )
         check_writable(asked.out)
-        answers = {name: run(name, folder=asked.out / name, members=asked.members) for name in asked.camera}
+        answers = {name: run(name, folder=asked.out / name, members=asked.members, **more) for name in asked.camera}
         print("\n".join(table(answers)))
     except BadInput as error:
         print(error, file=sys.stderr)

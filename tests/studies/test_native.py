@@ -54,13 +54,12 @@ def test_the_error_behind_a_stage_is_that_of_the_thin_lens(position, truth):
     assert abs(moved) == pytest.approx(0.02 * abs(position - truth))
 
 
-@needs_llvm
-@pytest.mark.slow
-def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records(
-    tmp_path, test_scenes, monkeypatch, capsys
-):
-    def small(members, pixels):
-        made = recipe(members, pixels)
+@pytest.fixture
+def small_study(test_scenes, monkeypatch):
+    """Two cameras with a method each on a plane in small pictures for 20 ms."""
+
+    def small(members, pixels, **light):
+        made = recipe(members, pixels, **light)
         made["camera"]["frames"] = round(0.02 * pixels.readout_hz)
         made["focus"] = {"positions": 17, "motion": {"kind": "sweep"}}
         made["render"] = {"samples": 4}
@@ -72,6 +71,13 @@ def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records
     monkeypatch.setattr(native, "FIELD_M", 0.64e-3)
     monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["sd+argmax:window=1"]})
     monkeypatch.setattr(native, "LOG_HZ", 5000)
+
+
+@needs_llvm
+@pytest.mark.slow
+def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records(
+    tmp_path, small_study, monkeypatch, capsys
+):
     assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
     first = capsys.readouterr().out.splitlines()[-6:]
     assert first[0].startswith("2 recordings of ")
@@ -85,6 +91,46 @@ def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records
     monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["variance+argmax:window=1"]})
     assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("| `imx273` | `variance+argmax:window=1` | ")
+
+
+@needs_llvm
+@pytest.mark.slow
+def test_levels_of_light_share_stacks_and_keep_their_answers_without_the_recordings(tmp_path, small_study, capsys):
+    for lux in ("200", "400"):
+        assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273", "--lux", lux]) == 0
+        first = capsys.readouterr().out.splitlines()[-6:]
+        assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273", "--lux", lux]) == 0
+        assert capsys.readouterr().out.splitlines() == first, "nothing is made again"
+    for camera in (native.BASE, "imx273"):
+        assert len(list((tmp_path / camera / "stacks").iterdir())) == 1
+        assert not list((tmp_path / camera).rglob("*.h5"))
+    rates = [
+        read_records(tmp_path / native.BASE / f"{lux}-lux-1-s-target.jsonl")[0].what.mean_rate for lux in (200, 400)
+    ]
+    dark = native.get_sensor(native.BASE).dark_rate
+    assert (rates[1] - dark) / (rates[0] - dark) == pytest.approx(2, rel=0.05), "twice the light, twice the spikes"
+
+
+@pytest.mark.parametrize("lux", [1.0, 25.0, 625.0])
+def test_lux_on_the_sensor_are_spikes_by_the_energy_of_their_photons(lux):
+    """At 555 nm a watt is 683 lm; 2.79e18 photons a second carry it."""
+    sensor = native.get_sensor(native.BASE)
+    electrons_per_s = lux / 683 * 2.794e18 * sensor.pitch_m**2 * sensor.fill_factor * sensor.quantum_efficiency
+    expected = electrons_per_s / sensor.readout_hz / sensor.threshold_e
+    assert native.rate_at(lux) - native.rate_at(0.0) == pytest.approx(expected, rel=0.002)
+    assert native.rate_at(0.0) == pytest.approx(sensor.mean_dark_e / sensor.threshold_e, rel=1e-3)
+
+
+@pytest.mark.parametrize(("lux", "hz"), [(1.0, 10.0), (25.0, 5.0), (125.0, 1.0), (None, 1.0)])
+def test_events_of_noise_are_those_published_for_the_light(lux, hz):
+    assert native.camera_of("davis346", lux).shot_hz == hz
+
+
+@pytest.mark.parametrize("more", [["--lux", "0"], ["--lux", "1e9"], ["--lux", "5", "--seconds", "0"]])
+def test_light_and_time_that_no_camera_meets_are_one_line(tmp_path, more, capsys):
+    assert native.main(["--out", str(tmp_path / "new"), *more]) == 2
+    assert "0.01 to 1500 lux" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(("out", "members"), [("file", "1"), ("file/x", "1"), ("x", "0"), ("x", "-3")])
