@@ -16,7 +16,7 @@ from saf_gen.benchmark.tracks.protocol import ClosedLoopProtocol
 from saf_gen.benchmark.view.captured import Captured
 from saf_gen.benchmark.view.clock import clock_of
 from saf_gen.benchmark.view.restricted_view import BudgetSpentError
-from saf_gen.benchmark.view.running_camera import RunningCamera, SweepView
+from saf_gen.benchmark.view.running_camera import REST_TOLERANCE, RunningCamera, SweepView
 from saf_gen.core import seeds
 from saf_gen.parts import Answer, commands
 
@@ -60,12 +60,9 @@ def finish_run(camera: RunningCamera, answer: Answer, *, to: Sequence[float], pr
         raise camera.stack_error
     answer_frame = camera.now
     with suppress(BudgetSpentError):  # the lens is then judged by its position at the end of the budget
-        for passed in to[:-1]:
-            camera.move(passed)
-            camera.settle()
-        for last in to[-1:]:
-            camera.move(last)
-            camera.settle(SETTLE_TOLERANCE)
+        for number, position in enumerate(to, start=1):
+            camera.move(position)
+            camera.settle(SETTLE_TOLERANCE if number == len(to) else REST_TOLERANCE)
     return Run(
         answer,
         problem,
