@@ -212,9 +212,8 @@ def run(
         {entry.content_sha256 for entry in read_manifest(judged).sequences},
     )
     found = read_records(kept) if kept.exists() else []
-    if {record.what.data for record in found} != recorded or {record.who.method for record in found} != set(
-        METHODS[name]
-    ):
+    expected = {(method, region, data) for method in METHODS[name] for data in recorded}
+    if {(record.who.method, record.who.region, record.what.data) for record in found} != expected:
         result = evaluate(judged, methods=METHODS[name], split=SPLIT, region=region, draw=False)
         _refuse_failures({failure.sequence: failure.problem for failure in result.failures})
         found = list(result.records)
@@ -333,6 +332,8 @@ def main(given: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(given)
     more = {"lux": asked.lux, "seconds": asked.seconds, "region": asked.region}
     try:
+        if asked.lux is None and asked.seconds != 1.0:
+            raise BadInput(f"--seconds {asked.seconds:g} is given without --lux", hint="state --lux too")
         if not (asked.lux is None or 0.01 <= asked.lux <= 1500) or not 0.01 <= asked.seconds <= 100:
             raise BadInput(
                 f"--lux is {asked.lux}, --seconds {asked.seconds:g}", allowed="0.01 to 1500 lux, 0.01 to 100 s"

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from saf_gen.benchmark.records import Record
 from saf_gen.core.table import percent
-from saf_gen.errors import BadInput
+from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.ranking import LeaderboardRow
 from saf_gen.leaderboard.results import AXES
@@ -54,8 +54,10 @@ class Column(NamedTuple):
 
     def records(self) -> list[Record]:
         """Return the records of all methods."""
-        bin_of = next((axis.bin_of for axis in AXES if axis.name == self.axis), None)
-        return [record for record in _read(self.file) if bin_of is None or bin_of(record) == self.bin]
+        conditions = {axis.name: axis.bin_of for axis in AXES}
+        if self.axis and self.axis not in conditions:
+            raise unknown("condition", self.axis, allowed=conditions)
+        return [r for r in _read(self.file) if not self.axis or conditions[self.axis](r) == self.bin]
 
     def rows(self, methods: Sequence[str] = ()) -> dict[str, LeaderboardRow]:
         """Return the row of each method, best first; of these methods only, if some are named."""
@@ -185,11 +187,13 @@ TABLES: dict[str, Callable[[Sequence[Column]], str]] = {
 def rewrite(page: str, folder: Path) -> str:
     """Return the text of a page with its tables made from the records of a folder.
 
-    Raises BadInput if a file of records cannot be read.
+    Raises BadInput if a file of records cannot be read, or if there is no such kind of table or condition.
     """
 
     def make(found: re.Match[str]) -> str:
         begin, kind, names, end = found.groups()
+        if kind not in TABLES:
+            raise unknown("table", kind, allowed=TABLES)
         columns = [Column(folder / f"{file}-records.xz", axis, name) for file, axis, name in COLUMN.findall(names)]
         return f"{begin}\n{TABLES[kind](columns)}\n{end}"
 
@@ -203,7 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     page = parser.parse_args(argv).page
     try:
         text = rewrite(page.read_text(encoding="utf-8"), page.with_suffix(""))
-    except BadInput as error:
+    except (BadInput, OSError) as error:
         print(error, file=sys.stderr)
         return 2
     page.write_text(text, encoding="utf-8")

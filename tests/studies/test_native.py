@@ -88,6 +88,10 @@ def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records
     )  # other rows, rate and wells than the preset
     assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
     assert capsys.readouterr().out.splitlines()[-6:] == first
+    assert {record.who.region for record in found} == {"target"}
+    assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273", "--region", "inside"]) == 0
+    inside = read_records(tmp_path / "imx273" / "records.jsonl")
+    assert {record.who.region for record in inside} == {"inside"}, "records of another region are not those asked for"
     monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["variance+argmax:window=1"]})
     assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("| `imx273` | `variance+argmax:window=1` | ")
@@ -126,10 +130,18 @@ def test_events_of_noise_are_those_published_for_the_light(lux, hz):
     assert native.camera_of("davis346", lux).shot_hz == hz
 
 
-@pytest.mark.parametrize("more", [["--lux", "0"], ["--lux", "1e9"], ["--lux", "5", "--seconds", "0"]])
-def test_light_and_time_that_no_camera_meets_are_one_line(tmp_path, more, capsys):
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--lux", "0"], "0.01 to 1500 lux"),
+        (["--lux", "1e9"], "0.01 to 1500 lux"),
+        (["--lux", "5", "--seconds", "0"], "0.01 to 1500 lux"),
+        (["--seconds", "10"], "--seconds 10 is given without --lux"),
+    ],
+)
+def test_light_and_time_that_no_camera_meets_are_one_line(tmp_path, more, words, capsys):
     assert native.main(["--out", str(tmp_path / "new"), *more]) == 2
-    assert "0.01 to 1500 lux" in capsys.readouterr().err
+    assert words in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 

@@ -112,6 +112,19 @@ def test_records_that_cannot_be_read_are_one_line(tmp_path, capsys):
     assert page.read_text() == "<!-- table: all inside -->\n<!-- end -->\n", "the page is as it was"
 
 
+@pytest.mark.parametrize(
+    ("table", "words"), [("al inside", "unknown table 'al'"), ("all inside[ligth=darker]", "unknown condition 'ligth'")]
+)
+def test_a_typo_in_a_page_is_one_line(folder, tmp_path, table, words, capsys):
+    page = tmp_path / f"{folder.name}.md"
+    page.write_text(f"<!-- table: {table} -->\n<!-- end -->\n")
+    page.with_suffix("").symlink_to(folder)
+    assert result_tables.main([str(page)]) == 2
+    assert words in capsys.readouterr().err
+    assert result_tables.main([str(tmp_path / "missing.md")]) == 2
+    assert "missing.md" in capsys.readouterr().err
+
+
 def test_the_page_names_files_that_are_beside_it_and_no_table_twice():
     asked = [found.group(2, 3) for found in result_tables.TABLE.finditer(result_tables.PAGE.read_text())]
     assert {kind for kind, _ in asked} == set(result_tables.TABLES)
