@@ -2,6 +2,8 @@ import pytest
 from written_scenes import ASKED, JIT, needs_llvm
 
 from saf_gen.render import backend
+from saf_gen.render.mitsuba_scene import _scene_modules
+from saf_gen.scene.scene_folder import find_scene
 
 
 @pytest.fixture(params=["scalar", pytest.param(JIT, marks=needs_llvm)])
@@ -10,3 +12,24 @@ def every_backend(request):
     if ASKED and request.param != ASKED:
         pytest.skip(f"--variant {ASKED}")
     backend.activate_backend(request.param)
+
+
+@pytest.fixture(scope="module")
+def family():
+    """The scene that draws members at random."""
+    backend.activate_backend("scalar")
+    return find_scene("assorted_moving")
+
+
+@pytest.fixture(scope="module")
+def modules(family):
+    """The modules of its folder and of its kit, by name."""
+    with _scene_modules(family):
+        import layouts
+        import movements
+        import scene
+        import sight
+        import targets
+        import textures
+
+        yield {module.__name__: module for module in (layouts, movements, scene, sight, targets, textures)}

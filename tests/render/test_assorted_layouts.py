@@ -9,29 +9,9 @@ from refusals import assert_says, refusal
 from written_scenes import SensorGrid
 
 from saf_gen.generate.resolve import resolve_recipe
-from saf_gen.render import backend, make_renderer
-from saf_gen.render.mitsuba_scene import _scene_modules
-from saf_gen.scene.scene_folder import find_scene
+from saf_gen.render import make_renderer
 
 PITCH_M, WAVE_M = 20e-6, 555e-9  # for which the scene is drawn
-
-
-@pytest.fixture(scope="module")
-def family():
-    backend.activate_backend("scalar")
-    return find_scene("assorted_moving")
-
-
-@pytest.fixture(scope="module")
-def modules(family):
-    """The modules of the scene's folder."""
-    with _scene_modules(family):
-        import layouts
-        import scene
-        import sight
-        import textures
-
-        yield {"layouts": layouts, "scene": scene, "sight": sight, "textures": textures}
 
 
 def layout(modules, member):

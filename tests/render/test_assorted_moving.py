@@ -4,31 +4,12 @@ import numpy as np
 import pytest
 from written_scenes import SensorGrid
 
-from saf_gen.render import backend, make_renderer
-from saf_gen.render.mitsuba_scene import _scene_modules, validate_motions
-from saf_gen.scene.scene_folder import find_scene
+from saf_gen.render import make_renderer
+from saf_gen.render.mitsuba_scene import validate_motions
 
 FORMS = {"flat", "slanted", "relief", "ball", "column", "two_depths", "cluttered"}
 PIXELS, PITCH_M, WAVE_M = 128, 20e-6, 555e-9  # for which the scene is drawn
 MAX_SPEED = 60.0  # pixels a second, and time slices
-
-
-@pytest.fixture(scope="module")
-def family():
-    backend.activate_backend("scalar")
-    return find_scene("assorted_moving")
-
-
-@pytest.fixture(scope="module")
-def modules(family):
-    """The modules of the scene's folder and of its kit."""
-    with _scene_modules(family):
-        import movements
-        import scene
-        import sight
-        import targets
-
-        yield {"movements": movements, "scene": scene, "sight": sight, "targets": targets}
 
 
 def sight_and_target(modules, member, number):
