@@ -1,60 +1,98 @@
-"""One scene, several cameras: compare evaluations of the same sequences, recorded by different cameras.
+"""Several cameras behind one lens: how often the answers of each are near the focus, by the light on the sensor.
 
-    python -m studies.ranking.cameras spikes=EVALUATION photons=EVALUATION …
-    python -m studies.ranking.cameras studies/results/cameras-tuned-records.xz
+    python -m studies.ranking.cameras PICTURE.png FILE-records.xz ...
 
-Each evaluation is a folder, or its ``records.jsonl``, of the same sequences by another camera (``saf-gen recapture``);
-in one packed file, the sensors of its records tell cameras apart, in the order in which they come. The others are
-compared with the first. Printed are, for each camera and method, the share of the answers within one and within half a
-depth of focus; how often it answers where no answer is right; its worth, which tuning maximises: right answers minus
-these false ones, over all recordings; how many bits per pixel leave the chip until the answer; and the difference of
-the best method of each camera from the best of the first. Only recordings that have an answer with every camera count
-for the shares. Intervals are of 95 %: members are drawn again.
+Each packed file holds the records of all cameras at one level of light and in one region, as ``studies.ranking.native``
+made them and named them: ``test-5-lux-1-s-inside-records.xz``. The picture shows the best method of each camera: the
+first one of its list there, chosen on training members. Errors of all cameras are in depths of focus of the spike
+camera, so that finer pixels are not held to a smaller one. Only recordings count whose lens comes within one of the
+focus; where a camera sees nothing at all, it is wrong. Intervals are of 95 %: members are drawn again.
 """
 
 import argparse
+import re
 import sys
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from saf_gen.benchmark.records import Record, read_records
+from saf_gen.benchmark.records import NO_INSIDE, Record
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.errors import BadInput
+from studies.drawing import panels, save
+from studies.ranking.native import BASE, METHODS
 from studies.ranking.packed_records import read_packed_records
 
 DRAWS, SEED = 10_000, 1
 EVENT_BITS = 64  # address and time of an event as cameras send them: AEDAT 2, 32 bits each
-
-Answers = Mapping[str, Mapping[str, Record]]
-"""Records by method and sequence."""
-
-
-def read_answers(evaluation: Path) -> Answers:
-    """Return the records of an evaluation; raise BadInput if it cannot be read."""
-    return _by_method(read_records(evaluation))
-
-
-def read_cameras(packed: Path) -> dict[str, Answers]:
-    """Return packed records by the name of their sensor; raise BadInput if they cannot be read."""
-    by_sensor: dict[str, list[Record]] = defaultdict(list)
-    for record in read_packed_records(packed):
-        by_sensor[record.what.sensor or "unknown"].append(record)
-    return {sensor: _by_method(of_sensor) for sensor, of_sensor in by_sensor.items()}
+UNANSWERABLE = ("lens at rest", "focus not reached", NO_INSIDE)
+NAMED = re.compile(r"\w+-([\d.]+)-lux-([\d.]+)-s-(target|inside)-records\.xz")
+LOOK = {  # colours of Okabe and Ito
+    BASE: ("spikes", "#0072B2", "o"),
+    "imx273": ("frames", "#D55E00", "s"),
+    "qvga_spad": ("photons", "#009E73", "^"),
+    "davis346": ("events", "#CC79A7", "D"),
+}
+PLACES = {"target": "in the target's box", "inside": "inside the target"}
 
 
-def _by_method(records: Iterable[Record]) -> Answers:
-    answers: dict[str, dict[str, Record]] = defaultdict(dict)
+class Level(NamedTuple):
+    """Answers of cameras at one level of light, on recordings whose focus all can find.
+
+    Attributes
+    ----------
+    members : list of str, length n
+        Member of each recording.
+    off : mapping of (str, str) to ndarray of float64, shape (n,)
+        Distance of the answer from the focus in depths of focus of the spike camera, by camera and method; infinite
+        without an answer.
+    own : mapping of (str, str) to ndarray of float64, shape (n,)
+        The same in depths of focus of the camera itself.
+    bits : mapping of (str, str) to float
+        Median of the bits per pixel that left the chip until the answer.
+    """
+
+    members: list[str]
+    off: Mapping[tuple[str, str], np.ndarray]
+    own: Mapping[tuple[str, str], np.ndarray]
+    bits: Mapping[tuple[str, str], float]
+
+
+def camera_of(record: Record) -> str:
+    """Return the name of the camera that made a recording, without the digest of numbers that were changed."""
+    return (record.what.sensor or "unknown").partition("#")[0]
+
+
+def level_of(records: Iterable[Record]) -> Level:
+    """Return the answers of several cameras; raise BadInput if no recording counts for all of them."""
+    held: dict[tuple[str, str], dict[str, Record]] = {}
     for record in records:
-        answers[record.who.method][record.what.sequence] = record
-    return answers
+        held.setdefault((camera_of(record), record.who.method), {})[record.what.sequence] = record
+    base = {name: record for (camera, _), of in held.items() if camera == BASE for name, record in of.items()}
+    bad = {name for of in held.values() for name, r in of.items() if r.what.obstacle == NO_INSIDE}
+    depths = {
+        name: record.judgement.depth_of_focus
+        for name, record in base.items()
+        if record.what.obstacle not in UNANSWERABLE and record.judgement.depth_of_focus and name not in bad
+    }
+    shared = sorted(depths.keys() & set.intersection(*(set(of) for of in held.values()))) if held else []
+    if not shared:
+        raise BadInput("no recording has an answer with every camera", allowed=f"records of {BASE} and of others")
 
+    def errors(of: Mapping[str, Record], *, own: bool) -> np.ndarray:
+        found = [of[name].judgement for name in shared]
+        sizes = [one.depth_of_focus if own else depths[name] for name, one in zip(shared, found, strict=True)]
+        off = [one.error for one in found]
+        return np.array([abs(e) / d if e is not None and d else np.inf for e, d in zip(off, sizes, strict=True)])
 
-def has_answer(record: Record) -> bool:
-    """Return whether an answer to the recording can be right, and judged."""
-    return record.what.obstacle is None and record.success() is not None
+    return Level(
+        [name.rpartition("-")[0] for name in shared],
+        {key: errors(of, own=False) for key, of in held.items()},
+        {key: errors(of, own=True) for key, of in held.items()},
+        {key: float(np.median([bits_per_pixel(of[name]) for name in shared])) for key, of in held.items()},
+    )
 
 
 def interval(values: np.ndarray, members: Sequence[str]) -> tuple[float, float, float]:
@@ -74,7 +112,7 @@ def bits_per_pixel(record: Record) -> float:
     """
     if record.what.sensor is None:
         return np.nan
-    name = record.what.sensor.partition("#")[0]  # of a preset that was changed
+    name = camera_of(record)
     if name in sensor_names("frames"):
         return float(record.judgement.frames_seen * get_sensor(name, kind="frames").bits)
     if name in sensor_names("events"):
@@ -86,84 +124,80 @@ def bits_per_pixel(record: Record) -> float:
     return float(record.judgement.frames_seen)
 
 
-def compare(cameras: Mapping[str, Answers]) -> list[str]:
-    """Return the lines of both tables.
+def order(levels: Sequence[Level]) -> list[tuple[str, str]]:
+    """Return cameras and methods that all levels have, by the cameras' order, best first."""
+    keys = set.intersection(*(set(level.off) for level in levels))
+    cameras = list(LOOK)
 
-    Raises BadInput if there are fewer than two cameras, or no recording has an answer with all of them.
-    """
-    if len(cameras) < 2:
-        raise BadInput(f"{len(cameras)} camera is given", allowed="at least two, as NAME=EVALUATION")
-    seen = set[str].intersection(*(set[str]().union(*answers.values()) for answers in cameras.values()))
-    judged = (
-        {name for records in answers.values() for name, record in records.items() if has_answer(record)}
-        for answers in cameras.values()
-    )
-    shared = sorted(set[str].intersection(*judged))
-    if not shared:
-        raise BadInput("no recording has an answer in all evaluations", allowed="evaluations of the same sequences")
-    members = [name.rpartition("-")[0] for name in shared]
-    lines = [f"{len(shared)} recordings of {len(set(members))} members have an answer with every camera.", ""]
-    columns = "≤½ DoF", "≤1 DoF", "95 %", "median error, DoF", "false answers", "worth", "bits per pixel"
-    lines += [f"| camera | method | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
-    best: dict[str, np.ndarray] = {}
-    heads: dict[str, str] = {}
-    for camera, answers in cameras.items():
-        rows = []
-        for method, found in answers.items():
-            held = [found.get(name) for name in shared]
-            one = np.array([record is not None and bool(record.success()) for record in held], float)
-            half = np.array([record is not None and bool(record.success(0.5)) for record in held], float)
-            errors = [
-                abs(record.judgement.error_dof)
-                for record in held
-                if record is not None and record.judgement.error_dof is not None
-            ]
-            bits = float(np.median([bits_per_pixel(record) for record in held if record is not None]))
-            without = [found[name] for name in seen & found.keys() if found[name].what.obstacle is not None]
-            false = sum(record.judgement.status == "answered" for record in without)
-            worth = (one.sum() - false) / (len(shared) + len(without))
-            said = f"{false} of {len(without)} | {worth:.2f} | {bits:,.0f}"
-            rows.append((one, half, method, float(np.median(errors)) if errors else np.nan, said))
-        rows.sort(key=lambda row: (row[0].mean(), row[1].mean()), reverse=True)
-        best[camera], heads[camera] = rows[0][0], rows[0][2]
-        for one, half, method, error, said in rows:
-            mean, low, high = interval(one, members)
-            ends = f"{100 * low:.0f}–{100 * high:.0f}"
-            cells = f"{half.mean():.0%} | {mean:.0%} | {ends} | {error:.2f} | {said}"
-            lines.append(f"| {camera} | `{method}` | {cells} |")
-    first, *others = cameras
-    lines += ["", f"| best method of | points that `{heads[first]}` with {first} is ahead | 95 % |", "|---|---|---|"]
-    for camera in others:
-        mean, low, high = interval(100 * (best[first] - best[camera]), members)
-        lines.append(f"| {camera}: `{heads[camera]}` | {mean:+.0f} | {low:+.0f} to {high:+.0f} |")
-    return lines
+    def place(key: tuple[str, str]) -> tuple[int, float, str]:
+        number = cameras.index(key[0]) if key[0] in cameras else len(cameras)
+        return number, -sum(float((level.off[key] <= 1).mean()) for level in levels), key[1]
+
+    return sorted(keys, key=place)
 
 
-def _read(texts: Sequence[str]) -> dict[str, Answers]:
-    if len(texts) == 1 and texts[0].endswith(".xz"):
-        return read_cameras(Path(texts[0]))
-    for text in texts:
-        if "=" not in text:
-            raise BadInput(
-                f"the evaluation is {text!r}",
-                allowed="NAME=EVALUATION, such as photons=out, or one file of records, .xz",
-            )
-    named = (text.partition("=") for text in texts)
-    return {name: read_answers(Path(folder)) for name, _, folder in named}
+def success_cells(levels: Sequence[Level], key: tuple[str, str]) -> list[str]:
+    """Return, for each level, the success of a camera's method within one depth with its interval, and within half."""
+    cells = []
+    for level in levels:
+        mean, low, high = (100 * end for end in interval((level.off[key] <= 1).astype(float), level.members))
+        cells.append(f"{mean:.0f} ({100 * (level.off[key] <= 0.5).mean():.0f}) [{low:.0f}–{high:.0f}]")
+    return cells
+
+
+def cost_cells(level: Level, key: tuple[str, str]) -> list[str]:
+    """Return the median error, the success within one depth of the camera's own, and the bits per pixel."""
+    return [f"{np.median(level.off[key]):.2f}", f"{100 * (level.own[key] <= 1).mean():.0f}", f"{level.bits[key]:,.0f}"]
+
+
+def draw(files: Sequence[Path], picture: Path) -> None:
+    """Draw the success of the best method of each camera over the light; raise BadInput if a file cannot be used."""
+    found: dict[tuple[str, float], list[tuple[float, Level]]] = {}
+    for file in files:
+        named = NAMED.fullmatch(file.name)
+        if named is None:
+            raise BadInput(f"the file is named {file.name!r}", allowed="SPLIT-L-lux-S-s-REGION-records.xz")
+        lux, seconds, region = named.groups()
+        found.setdefault((region, float(seconds)), []).append((float(lux), level_of(read_packed_records(file))))
+    regions = [region for region in PLACES if any(place == region for place, _ in found)]
+    figure, (axes,) = panels(1, len(regions), width=1 + 3.6 * len(regions), height=3.3)
+    for axis, region in zip(axes, regions, strict=True):
+        times = sorted(seconds for place, seconds in found if place == region)
+        for camera, (word, colour, mark) in LOOK.items():
+            key = camera, METHODS[camera][0]
+            for seconds in times:
+                levels = sorted((lux, level) for lux, level in found[region, seconds] if key in level.off)
+                ends = [100 * np.array(interval((of.off[key] <= 1).astype(float), of.members)) for _, of in levels]
+                if not ends:
+                    continue
+                lux, (mean, low, high) = [at for at, _ in levels], np.transpose(ends)
+                first = seconds == times[0]
+                axis.plot(
+                    lux,
+                    mean,
+                    "-" if first else ":",
+                    color=colour,
+                    marker=mark,
+                    markersize=4,
+                    label=f"{word}: {key[1]}" if first else None,
+                )
+                if first:
+                    axis.fill_between(lux, low, high, color=colour, alpha=0.15, linewidth=0)
+        axis.set(xscale="log", ylim=(0, 103), title=PLACES[region], xlabel="light on the sensor, lux")
+        axis.grid(axis="y")
+    axes[0].set_ylabel("within one depth of focus, %")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    save(figure, picture)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the tables, and return the exit code."""
+    """Draw the picture, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "evaluations",
-        nargs="+",
-        metavar="NAME=EVALUATION",
-        help="camera and its evaluation, or one file of records, .xz",
-    )
+    parser.add_argument("picture", type=Path)
+    parser.add_argument("files", type=Path, nargs="+", help="packed records of all cameras at a level of light")
     given = parser.parse_args(argv)
     try:
-        print("\n".join(compare(_read(given.evaluations))))
+        draw(given.files, given.picture)
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2

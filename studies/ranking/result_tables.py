@@ -22,11 +22,12 @@ from saf_gen.errors import BadInput, unknown
 from saf_gen.leaderboard import rank_methods
 from saf_gen.leaderboard.ranking import LeaderboardRow
 from saf_gen.leaderboard.results import AXES
+from studies.ranking import cameras
 from studies.ranking.packed_records import read_packed_records
 
 PAGE = Path(__file__).resolve().parents[1] / "results" / "saf_bench.md"
 TABLE = re.compile(r"(<!-- table: (\w+) (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
-COLUMN = re.compile(r"([\w-]+)(?:\[(\w+)=([^\]]+)\])?")
+COLUMN = re.compile(r"([\w.-]+)(?:\[(\w+)=([^\]]+)\])?")
 SHOWN = (
     *("fine_structure+bell_vote", "fine_structure+bell_vote:area=true", "fine_structure+argmax_light"),
     *("octave_structure+argmax_light", "octave_structure+argmax:window=300", "octave_structure+peak_fit"),
@@ -174,6 +175,30 @@ def tabulate_frames(columns: Sequence[Column]) -> str:
     return _grid(["method", *(column.title for column in columns)], lines)
 
 
+def tabulate_cameras(columns: Sequence[Column]) -> str:
+    """Return a table of the success of each camera's methods at each level of light, a column each."""
+    levels = [cameras.level_of(column.records()) for column in columns]
+    lines = ([camera, f"`{method}`"] for camera, method in cameras.order(levels))
+    cells = (cameras.success_cells(levels, key) for key in cameras.order(levels))
+    header = ["camera", "method", *(" ".join(column.title.split("-")[1:5]) for column in columns)]
+    return _grid(header, (line + row for line, row in zip(lines, cells, strict=True)))
+
+
+def tabulate_camera_costs(columns: Sequence[Column]) -> str:
+    """Return a table of the median error of each camera's methods, success by its own depth, and bits per pixel."""
+    levels = [cameras.level_of(column.records()) for column in columns]
+    header = ["camera", "method"]
+    for column in columns:
+        said = " ".join(column.title.split("-")[1:3])
+        header += [f"{said}: median error, DoF", "≤ 1 DoF of its own, %", "bits per pixel"]
+    lines = []
+    for camera, method in cameras.order(levels):
+        lines.append([camera, f"`{method}`"])
+        for level in levels:
+            lines[-1] += cameras.cost_cells(level, (camera, method))
+    return _grid(header, lines)
+
+
 TABLES: dict[str, Callable[[Sequence[Column]], str]] = {
     "all": tabulate_all,
     "success": tabulate_success,
@@ -181,6 +206,8 @@ TABLES: dict[str, Callable[[Sequence[Column]], str]] = {
     "abstention": tabulate_abstention,
     "wrong": tabulate_wrong,
     "frames": tabulate_frames,
+    "cameras": tabulate_cameras,
+    "camera_costs": tabulate_camera_costs,
 }
 
 

@@ -1,86 +1,89 @@
-"""The comparison of cameras: which recordings count, what is best, and how far it is ahead."""
-
-import lzma
-from pathlib import Path
+"""The comparison of cameras: which recordings count, whose depth of focus, and the picture over the light."""
 
 import numpy as np
 import pytest
 from handmade_records import change, failed, record
 
-from saf_gen.benchmark.records import write_records
-from studies.ranking.cameras import bits_per_pixel, interval, main
+from studies.ranking import result_tables
+from studies.ranking.cameras import bits_per_pixel, interval, level_of, main
+from studies.ranking.native import BASE, METHODS
 from studies.ranking.packed_records import write_packed_records
 
 MEMBERS = 12
 
 
-def answers(method, wrong, *, without=()):
-    """Records of 24 recordings of 12 members; the numbers of those that are wrong, and of those without an answer."""
+def answers(sensor, method, wrong=(), **more):
+    """Records of 24 recordings of 12 members, 0.2 depths off; those with these numbers are 3 depths off."""
     for number in range(2 * MEMBERS):
         name = f"m{number // 2}-{'constant' if number % 2 else 'dim'}"
-        obstacle = "focus not reached" if number in without else None
-        yield record(method, name, 3.0 if number in wrong else 0.2, obstacle=obstacle)
+        yield change(record(method, name, 3.0 if number in wrong else 0.2, **more), sensor=sensor)
+
+
+def test_errors_of_all_cameras_are_in_depths_of_the_spike_camera_and_of_their_own():
+    level = level_of([*answers(BASE, "a+s"), *answers("imx273#88a75e", "b+s", depth_of_focus=0.0625)])
+    assert np.allclose(level.off[BASE, "a+s"], 0.2)
+    assert np.allclose(level.off["imx273", "b+s"], 0.2)
+    assert np.allclose(level.own["imx273", "b+s"], 0.4)
+
+
+def test_a_recording_counts_if_the_lens_comes_to_the_focus_and_all_cameras_have_it():
+    spikes = list(answers(BASE, "a+s"))
+    spikes[0] = change(spikes[0], obstacle="focus not reached")
+    level = level_of([*spikes, *list(answers("imx273", "b+s"))[:20]])
+    assert len(level.members) == len(level.off[BASE, "a+s"]) == 19
+    with pytest.raises(Exception, match="no recording has an answer with every camera"):
+        level_of(answers("imx273", "b+s"))
+
+
+def test_a_camera_that_sees_nothing_or_gives_no_answer_is_wrong():
+    blind = [change(one, obstacle="no spikes", position=None) for one in answers("qvga_spad", "b+s")]
+    failures = [failed("c+s", one.what.sequence, "failed", sensor="imx273") for one in blind]
+    level = level_of([*answers(BASE, "a+s"), *blind, *failures])
+    assert np.isinf(level.off["qvga_spad", "b+s"]).all()
+    assert np.isinf(level.off["imx273", "c+s"]).all()
+
+
+def test_recordings_without_an_inside_count_for_nobody():
+    other = [change(one, obstacle="no inside region") for one in answers("imx273", "b+s")]
+    level = level_of([*answers(BASE, "a+s"), *other[:4], *list(answers("imx273", "b+s"))[4:]])
+    assert len(level.members) == 20
 
 
 @pytest.fixture
-def write(tmp_path):
-    def write_evaluation(name, *records):
-        (tmp_path / name).mkdir()
-        write_records(tmp_path / name / "records.jsonl", [one for part in records for one in part])
-        return f"{name}={tmp_path / name}"
-
-    return write_evaluation
-
-
-def test_the_best_of_each_camera_is_compared_over_the_recordings_of_all(write, capsys):
-    spikes = write("spikes", answers("a+s", {0}), answers("b+s", {0, 1, 2}))
-    photons = write("photons", answers("a+s", {4, 5, 6, 7, 8}), answers("c+s", set(range(12))))
-    events = write("events", answers("d+s", {0}, without={20, 21}))
-    assert main([spikes, photons, events]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "22 recordings of 11 members have an answer with every camera."
-    assert any(line.startswith("| spikes | `a+s` | 95% | 95% |") for line in lines)
-    assert any(line.startswith("| photons: `a+s` | +18 |") for line in lines)
-    assert any(line.startswith("| events: `d+s` | +0 | +0 to +0 |") for line in lines)
-    assert [line.split(" | ")[6:8] for line in lines if line.startswith("| events | ")] == [["2 of 2", "0.79"]]
+def files(tmp_path):
+    """Packed records of two cameras at two levels of light; photons are wrong in a third of them in the dark."""
+    for lux, wrong in ((1, range(8)), (25, ())):
+        records = [*answers(BASE, METHODS[BASE][0]), *answers("qvga_spad", METHODS["qvga_spad"][0], wrong)]
+        write_packed_records(tmp_path / f"test-{lux}-lux-1-s-inside-records.xz", records)
+    return sorted(tmp_path.iterdir())
 
 
-def test_recordings_that_another_camera_lacks_are_no_false_answers(write, capsys):
-    """23 right of 24, but for 2 that cannot be answered, of which the others have seen none."""
-    spikes = write("spikes", answers("a+s", {0}, without={22, 23}))
-    photons = write("photons", list(answers("a+s", {0}))[:22])
-    assert main([spikes, photons]) == 0
-    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines() if "`a+s`" in line]
-    assert [row[6:8] for row in rows[:2]] == [["0 of 0", "0.95"]] * 2
+def test_the_tables_of_a_page_have_a_column_for_each_level(files):
+    names = " ".join(file.name.removesuffix("-records.xz") for file in files)
+    page = result_tables.rewrite(f"<!-- table: cameras {names} -->\n<!-- end -->\n", files[0].parent)
+    head, _, spikes, photons = page.splitlines()[2:6]
+    assert head == "|camera|method|1 lux 1 s|25 lux 1 s|"
+    assert spikes.startswith(f"|{BASE}|`{METHODS[BASE][0]}`|100 (100) [100–100]|")
+    assert photons.startswith(f"|qvga_spad|`{METHODS['qvga_spad'][0]}`|67 (67) [")
+    costs = result_tables.rewrite(f"<!-- table: camera_costs {names} -->\n<!-- end -->\n", files[0].parent)
+    assert costs.splitlines()[4].endswith("|0.20|100|800|0.20|100|800|")
 
 
-def test_in_one_packed_file_sensors_tell_cameras_apart(tmp_path, capsys):
-    records = [change(one, sensor="vidar_128x128") for one in answers("a+s", {0})]
-    records += [change(one, sensor="imx273") for one in answers("a+s", {0, 1, 2})]
-    packed = tmp_path / "both.xz"
-    write_packed_records(packed, records)
-    assert main([str(packed)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert any(line.startswith("| vidar_128x128 | `a+s` | 96% | 96% |") for line in lines)
-    assert any(line.startswith("| imx273: `a+s` | +8 |") for line in lines)
+def test_the_picture_is_drawn(files, tmp_path):
+    assert main([str(tmp_path / "new" / "cameras.png"), *map(str, files)]) == 0
+    assert (tmp_path / "new" / "cameras.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("content", [None, b"", b"{}", lzma.compress(b"{}\n")[:-9], lzma.compress(b"{}\n")])
-def test_a_packed_file_that_holds_no_records_is_one_line(tmp_path, content, capsys):
-    packed = tmp_path / "records.xz"
-    if content is not None:
-        packed.write_bytes(content)
-    assert main([str(packed)]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
-
-
-def test_a_recording_that_a_method_failed_on_is_not_one_that_it_solved(write, capsys):
-    spikes = write("spikes", answers("a+s", set()))
-    photons = write("photons", answers("a+s", set(range(24))), [failed("b+s", "m0-dim", "failed")])
-    assert main([spikes, photons]) == 0
-    assert "| photons | `b+s` | 0% | 0% |" in capsys.readouterr().out
+def test_a_file_that_does_not_name_its_light_or_cannot_be_read_is_one_line(files, tmp_path, capsys):
+    other = files[0].rename(files[0].with_name("inside-records.xz"))
+    broken = files[1]
+    broken.write_bytes(b"")
+    for file, words in ((other, "SPLIT-L-lux-S-s-REGION"), (broken, "cannot be read")):
+        assert main([str(tmp_path / "cameras.png"), str(file)]) == 2
+        printed = capsys.readouterr().err
+        assert len(printed.splitlines()) == 1
+        assert words in printed
+    assert not (tmp_path / "cameras.png").exists()
 
 
 @pytest.mark.parametrize(
@@ -112,22 +115,3 @@ def test_an_interval_holds_the_mean_of_members_as_often_as_it_says():
         _, low, high = interval(values, [f"m{number // 2}" for number in range(80)])
         missed += not low <= 0.7 * 0.9 + 0.3 * 0.1 <= high
     assert 4 <= missed <= 22
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["{spikes}"], "1 camera is given"),
-        (["spikes", "{spikes}"], "NAME=EVALUATION"),
-        (["{spikes}", "photons=missing"], "missing"),
-        (["{spikes}", "{other}"], "no recording has an answer in all"),
-    ],
-)
-def test_what_cannot_be_compared_is_one_line(write, arguments, words, capsys):
-    given = {"spikes": write("spikes", answers("a+s", set())), "other": write("other", [record("a+s", "x-dim", 0.1)])}
-    assert main([argument.format(**given) for argument in arguments]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
-    assert words in printed.err
-    assert Path("missing").exists() is False

@@ -1,25 +1,16 @@
-"""Cameras as they are: equal light on unequal pixels, errors behind the lens, and the whole study on a small scene."""
+"""Cameras as they are: equal light on unequal pixels, biases of events, and the whole study on a small scene."""
 
 import pytest
 from written_scenes import needs_llvm
 
 from saf_gen.benchmark.records import read_records
-from saf_gen.optics import drive_from_dict
 from studies.ranking import native
-
-LENS = {"focal_length_m": 0.05, "f_number": 2.0, "transmission": 1.0}
-
-
-def a_drive(kind):
-    if kind == "stage":
-        return drive_from_dict({"kind": "stage", "magnification": 0.5, "travel_m": (-0.01, 0.01), **LENS})
-    return drive_from_dict({"kind": kind, "focus_range_m": (2.0, 0.5), **LENS})
 
 
 @pytest.mark.parametrize("name", list(native.METHODS))
 def test_pixels_fire_as_often_as_those_of_the_spike_camera_in_equal_light(name):
     """Charge per second at a given irradiance, over the charge of the rate: the same for all; so is the field."""
-    base, pixels = native.get_sensor(native.BASE), native.pixels_of(native.camera_of(name))
+    base, pixels = native.get_sensor(native.BASE), native.pixels_of(native.camera_of(name, 25.0))
 
     def rate(sensor):
         area = sensor.pitch_m**2 * sensor.fill_factor * sensor.quantum_efficiency
@@ -31,88 +22,68 @@ def test_pixels_fire_as_often_as_those_of_the_spike_camera_in_equal_light(name):
 
 
 def test_binned_pixels_of_the_frame_camera_hold_and_lose_as_many_electrons_as_sixteen():
-    one, binned = native.get_sensor("imx273", kind="frames"), native.camera_of("imx273")
+    one, binned = native.get_sensor("imx273", kind="frames"), native.camera_of("imx273", 25.0)
     assert binned.electrons_per_level == pytest.approx(one.electrons_per_level, rel=1e-3)
     assert binned.full_well_e == 16 * one.full_well_e
     assert binned.read_noise_e == pytest.approx(16**0.5 * one.read_noise_e)
     assert binned.readout_hz == pytest.approx(453.9, abs=0.5)
 
 
-@pytest.mark.parametrize(("position", "truth"), [(0.3, 0.5), (0.5, 0.3), (0.0, 1.0), (0.4, 0.4)])
-def test_the_error_behind_a_lens_that_moves_is_how_far_it_moved(position, truth):
-    drive = a_drive("image_distance")
-    expected = drive.image_distance(position) - drive.image_distance(truth)
-    assert native.image_error_m(drive, position, truth=truth) == pytest.approx(float(expected), abs=1e-12)
-
-
-@pytest.mark.parametrize(("position", "truth"), [(0.3, 0.5), (0.5, 0.3), (0.0, 1.0), (0.4, 0.4)])
-def test_the_error_behind_a_stage_is_that_of_the_thin_lens(position, truth):
-    """At a magnification of 0.5, sensor and plane in focus are at 1.5 f and 3 f, and the stage moves by 2 cm in all."""
-    moved = float(a_drive("stage").shift(truth) - a_drive("stage").shift(position))
-    image = 1 / (1 / 0.05 - 1 / (0.15 + moved))
-    assert native.image_error_m(a_drive("stage"), position, truth=truth) == pytest.approx(0.075 - image, abs=1e-12)
-    assert abs(moved) == pytest.approx(0.02 * abs(position - truth))
-
-
 @pytest.fixture
 def small_study(test_scenes, monkeypatch):
     """Two cameras with a method each on a plane in small pictures for 20 ms."""
 
-    def small(members, pixels, **light):
-        made = recipe(members, pixels, **light)
+    def small(pixels, **asked):
+        made = recipe(pixels, **asked)
         made["camera"]["frames"] = round(0.02 * pixels.readout_hz)
         made["focus"] = {"positions": 17, "motion": {"kind": "sweep"}}
         made["render"] = {"samples": 4}
-        made["splits"]["test"] = {"scenes": ["plane"], "lights": ["constant", "darker"]}
+        del made["scene_params"]
+        made["splits"] = {asked["split"]: {"scenes": ["plane"], "lights": ["constant"]}}
         return made
 
     recipe = native.recipe
     monkeypatch.setattr(native, "recipe", small)
     monkeypatch.setattr(native, "FIELD_M", 0.64e-3)
-    monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["sd+argmax:window=1"]})
     monkeypatch.setattr(native, "LOG_HZ", 5000)
 
 
-@needs_llvm
-@pytest.mark.slow
-def test_cameras_are_rendered_recorded_and_judged_and_a_second_run_reads_records(
-    tmp_path, small_study, monkeypatch, capsys
-):
-    assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
-    first = capsys.readouterr().out.splitlines()[-6:]
-    assert first[0].startswith("2 recordings of ")
-    assert sum(line.startswith("| `imx273` | `sd+argmax:window=1` | ") for line in first) == 1
-    found = read_records(tmp_path / "imx273" / "records.jsonl")
-    assert all(
-        record.what.sensor.startswith("imx273#") for record in found
-    )  # other rows, rate and wells than the preset
-    assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
-    assert capsys.readouterr().out.splitlines()[-6:] == first
-    assert {record.who.region for record in found} == {"target"}
-    assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273", "--region", "inside"]) == 0
-    inside = read_records(tmp_path / "imx273" / "records.jsonl")
-    assert {record.who.region for record in inside} == {"inside"}, "records of another region are not those asked for"
-    monkeypatch.setattr(native, "METHODS", {native.BASE: ["sd+argmax"], "imx273": ["variance+argmax:window=1"]})
-    assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("| `imx273` | `variance+argmax:window=1` | ")
+CAMERAS = ["--camera", native.BASE, "imx273", "--members", "1", "--method", "sd+argmax:window=1"]
 
 
 @needs_llvm
 @pytest.mark.slow
-def test_levels_of_light_share_stacks_and_keep_their_answers_without_the_recordings(tmp_path, small_study, capsys):
-    for lux in ("200", "400"):
-        assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273", "--lux", lux]) == 0
-        first = capsys.readouterr().out.splitlines()[-6:]
-        assert native.main(["--out", str(tmp_path), "--camera", native.BASE, "imx273", "--lux", lux]) == 0
-        assert capsys.readouterr().out.splitlines() == first, "nothing is made again"
+def test_levels_of_light_share_stacks_and_keep_their_records_without_the_recordings(tmp_path, small_study, capsys):
+    asked = ["--out", str(tmp_path), *CAMERAS, "--lux", "200", "400"]
+    assert native.main(asked) == 0
+    first = [line for line in capsys.readouterr().out.splitlines() if line.endswith(".jsonl")]
+    assert len(first) == 8, "two cameras, levels and regions"
+    assert native.main(asked) == 0
+    assert capsys.readouterr().out.splitlines() == first, "nothing is made again"
     for camera in (native.BASE, "imx273"):
         assert len(list((tmp_path / camera / "stacks").iterdir())) == 1
         assert not list((tmp_path / camera).rglob("*.h5"))
+    found = read_records(tmp_path / "imx273" / "test-200-lux-1-s-inside.jsonl")
+    assert {(r.who.method, r.who.region) for r in found} == {("sd+argmax:window=1", "inside"), (native.GUESS, "inside")}
+    assert all(r.what.sensor.startswith("imx273#") for r in found), "other rows, rate and wells than the preset"
     rates = [
-        read_records(tmp_path / native.BASE / f"{lux}-lux-1-s-target.jsonl")[0].what.mean_rate for lux in (200, 400)
+        read_records(tmp_path / native.BASE / f"test-{lux}-lux-1-s-target.jsonl")[0].what.mean_rate
+        for lux in (200, 400)
     ]
     dark = native.get_sensor(native.BASE).dark_rate
     assert (rates[1] - dark) / (rates[0] - dark) == pytest.approx(2, rel=0.05), "twice the light, twice the spikes"
+    assert native.main([*asked[:-2], "200", "--method", "variance+argmax:window=1"]) == 0
+    again = read_records(tmp_path / "imx273" / "test-200-lux-1-s-inside.jsonl")
+    assert {r.who.method for r in again} == {"variance+argmax:window=1", native.GUESS}, "other methods are run"
+
+
+def test_members_are_those_of_the_first_edition_with_one_light_each():
+    made = native.recipe(native.get_sensor(native.BASE), split="train", members=5, lux=25.0, seconds=10.0)
+    edition = native.yaml.safe_load(native.EDITION.read_text(encoding="utf-8"))
+    assert (made["seed"], made["lights"]) == (edition["seed"], edition["lights"])
+    assert made["splits"]["train"]["lights_each"] == 1
+    assert made["splits"]["train"]["lights"] == edition["splits"]["train"]["lights"]
+    assert made["camera"]["frames"] == 200_000
 
 
 @pytest.mark.parametrize("lux", [1.0, 25.0, 625.0])
@@ -125,18 +96,30 @@ def test_lux_on_the_sensor_are_spikes_by_the_energy_of_their_photons(lux):
     assert native.rate_at(0.0) == pytest.approx(sensor.mean_dark_e / sensor.threshold_e, rel=1e-3)
 
 
-@pytest.mark.parametrize(("lux", "hz"), [(1.0, 10.0), (25.0, 5.0), (125.0, 1.0), (None, 1.0)])
+@pytest.mark.parametrize(("lux", "hz"), [(1.0, 10.0), (25.0, 5.0), (125.0, 1.0)])
 def test_events_of_noise_are_those_published_for_the_light(lux, hz):
     assert native.camera_of("davis346", lux).shot_hz == hz
+
+
+def test_noise_crosses_a_lower_threshold_more_often_by_the_law_of_rice():
+    """In a band of B, the logarithm of the rate over B is as the square of the threshold; leaks are as its inverse."""
+    rates = {c: native.camera_of("davis346", 1.0, threshold=c).shot_hz for c in (0.14, 0.2, 0.23)}
+    assert rates[0.2] == 10
+    assert rates[0.14] > 50 > 10 > rates[0.23] > 2
+    band = native.camera_of("davis346", 1.0, threshold=0.141421356).shot_hz ** 2 / 10  # half the square: the root
+    assert band == pytest.approx(275, abs=10), "300 Hz at 1 lux, and 3 kHz after it"
+    low = native.camera_of("davis346", 1.0, threshold=0.14)
+    assert low.leak_hz == pytest.approx(0.1 * 0.2 / 0.14)
+    assert (low.threshold_on, low.threshold_off, low.threshold_rms) == (0.14, 0.14, 0.03)
 
 
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         (["--lux", "0"], "0.01 to 1500 lux"),
-        (["--lux", "1e9"], "0.01 to 1500 lux"),
-        (["--lux", "5", "--seconds", "0"], "0.01 to 1500 lux"),
-        (["--seconds", "10"], "--seconds 10 is given without --lux"),
+        (["--lux", "5", "1e9"], "0.01 to 1500 lux"),
+        (["--seconds", "0"], "0.01 to 1500 lux"),
+        (["--threshold", "0.1"], "0.14 to 0.23"),
     ],
 )
 def test_light_and_time_that_no_camera_meets_are_one_line(tmp_path, more, words, capsys):
