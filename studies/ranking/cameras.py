@@ -22,7 +22,7 @@ from saf_gen.benchmark.records import NO_INSIDE, Record
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.errors import BadInput
 from studies.drawing import panels, save
-from studies.ranking.native import BASE, METHODS
+from studies.ranking.native import BASE, METHODS, PIXELS
 from studies.ranking.packed_records import read_packed_records
 
 DRAWS, SEED = 10_000, 1
@@ -62,7 +62,7 @@ class Level(NamedTuple):
 
 def camera_of(record: Record) -> str:
     """Return the name of the camera that made a recording, without the digest of numbers that were changed."""
-    return (record.what.sensor or "unknown").partition("#")[0]
+    return (record.what.sensor or "unknown").partition("#")[0].removesuffix(PIXELS)
 
 
 def level_of(records: Iterable[Record]) -> Level:
@@ -142,6 +142,16 @@ def success_cells(levels: Sequence[Level], key: tuple[str, str]) -> list[str]:
     for level in levels:
         mean, low, high = (100 * end for end in interval((level.off[key] <= 1).astype(float), level.members))
         cells.append(f"{mean:.0f} ({100 * (level.off[key] <= 0.5).mean():.0f}) [{low:.0f}–{high:.0f}]")
+    return cells
+
+
+def lead_cells(levels: Sequence[Level], camera: str) -> list[str]:
+    """Return, for each level, by how many points the best method of a camera is ahead of that of the spike camera."""
+    cells = []
+    for level in levels:
+        own, spikes = (level.off[name, METHODS[name][0]] <= 1 for name in (camera, BASE))
+        mean, low, high = interval(100.0 * own - 100.0 * spikes, level.members)
+        cells.append(f"{mean:+.0f} [{low:+.0f} to {high:+.0f}]")
     return cells
 
 

@@ -44,6 +44,7 @@ from saf_gen.stream.manifest import read_manifest
 EDITION = Path(__file__).resolve().parents[2] / "recipes" / "saf_bench.yaml"
 FIELD_M = 1.28e-3  # side of the square that all cameras see: 64 pixels of a spike camera
 BASE = "vidar_128x128"  # the spike camera, in whose rate the light is set
+PIXELS = "_pixels"  # end of the name of a spike sensor with the pixels of a camera
 LUMENS_PER_W = 683.0  # at 555 nm
 LEVELS_LUX = (1.0, 5.0, 25.0, 125.0, 625.0)
 DIM_SHOT_HZ = ((5.0, 10.0), (25.0, 5.0))  # events of noise per pixel and second up to so many lux, from DND21 and v2e
@@ -102,7 +103,7 @@ def pixels_of(camera: Any) -> Sensor:
     hz = LOG_HZ if isinstance(camera, SpadSensor | FrameSensor) else base.readout_hz
     return replace(
         base,
-        name=f"{camera.name}_pixels",
+        name=f"{camera.name}{PIXELS}",
         rows=side,
         columns=side,
         pitch_m=camera.pitch_m,

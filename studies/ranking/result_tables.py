@@ -184,6 +184,14 @@ def tabulate_cameras(columns: Sequence[Column]) -> str:
     return _grid(header, (line + row for line, row in zip(lines, cells, strict=True)))
 
 
+def tabulate_camera_leads(columns: Sequence[Column]) -> str:
+    """Return a table of the points by which the best method of each camera is ahead of that of the spike camera."""
+    levels = [cameras.level_of(column.records()) for column in columns]
+    others = dict.fromkeys(camera for camera, _ in cameras.order(levels) if camera != cameras.BASE)
+    header = ["camera", *(" ".join(column.title.split("-")[1:5]) for column in columns)]
+    return _grid(header, ([camera, *cameras.lead_cells(levels, camera)] for camera in others))
+
+
 def tabulate_camera_costs(columns: Sequence[Column]) -> str:
     """Return a table of the median error of each camera's methods, success by its own depth, and bits per pixel."""
     levels = [cameras.level_of(column.records()) for column in columns]
@@ -207,6 +215,7 @@ TABLES: dict[str, Callable[[Sequence[Column]], str]] = {
     "wrong": tabulate_wrong,
     "frames": tabulate_frames,
     "cameras": tabulate_cameras,
+    "camera_leads": tabulate_camera_leads,
     "camera_costs": tabulate_camera_costs,
 }
 

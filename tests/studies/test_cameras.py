@@ -20,7 +20,9 @@ def answers(sensor, method, wrong=(), **more):
 
 
 def test_errors_of_all_cameras_are_in_depths_of_the_spike_camera_and_of_their_own():
-    level = level_of([*answers(BASE, "a+s"), *answers("imx273#88a75e", "b+s", depth_of_focus=0.0625)])
+    level = level_of(
+        [*answers(f"{BASE}_pixels#1234ab", "a+s"), *answers("imx273#88a75e", "b+s", depth_of_focus=0.0625)]
+    )
     assert np.allclose(level.off[BASE, "a+s"], 0.2)
     assert np.allclose(level.off["imx273", "b+s"], 0.2)
     assert np.allclose(level.own["imx273", "b+s"], 0.4)
@@ -65,6 +67,9 @@ def test_the_tables_of_a_page_have_a_column_for_each_level(files):
     assert head == "|camera|method|1 lux 1 s|25 lux 1 s|"
     assert spikes.startswith(f"|{BASE}|`{METHODS[BASE][0]}`|100 (100) [100–100]|")
     assert photons.startswith(f"|qvga_spad|`{METHODS['qvga_spad'][0]}`|67 (67) [")
+    leads = result_tables.rewrite(f"<!-- table: camera_leads {names} -->\n<!-- end -->\n", files[0].parent)
+    assert leads.splitlines()[4].startswith("|qvga_spad|-33 [-")
+    assert leads.splitlines()[4].endswith("|+0 [+0 to +0]|")
     costs = result_tables.rewrite(f"<!-- table: camera_costs {names} -->\n<!-- end -->\n", files[0].parent)
     assert costs.splitlines()[4].endswith("|0.20|100|800|0.20|100|800|")
 

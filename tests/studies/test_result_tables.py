@@ -125,9 +125,11 @@ def test_a_typo_in_a_page_is_one_line(folder, tmp_path, table, words, capsys):
     assert "missing.md" in capsys.readouterr().err
 
 
-def test_the_page_names_files_that_are_beside_it_and_no_table_twice():
-    asked = [found.group(2, 3) for found in result_tables.TABLE.finditer(result_tables.PAGE.read_text())]
-    assert {kind for kind, _ in asked} == set(result_tables.TABLES)
+@pytest.mark.parametrize("page", ["saf_bench.md", "cameras.md"])
+def test_a_page_names_files_that_are_beside_it_and_no_table_twice(page):
+    page = result_tables.PAGE.with_name(page)
+    asked = [found.group(2, 3) for found in result_tables.TABLE.finditer(page.read_text())]
+    assert {kind for kind, _ in asked} <= set(result_tables.TABLES)
     assert max(Counter(asked).values()) == 1
-    beside = {path.name.removesuffix("-records.xz") for path in result_tables.PAGE.with_suffix("").iterdir()}
+    beside = {path.name.removesuffix("-records.xz") for path in page.with_suffix("").iterdir()}
     assert {file for _, names in asked for file, _, _ in result_tables.COLUMN.findall(names)} <= beside

@@ -44,7 +44,7 @@ class DeclaredCost:
 UNDECLARED = DeclaredCost(100.0, 2e5, 100.0)
 """Cost of what declares none: about as dear as the dearest that is shipped, or dearer."""
 OF_SHIPPED = {"PeakFit": DeclaredCost(None, 1e5, 2.0), "PhotonAware": DeclaredCost(None, 3e4)}
-"""Costs of searches that do more than compare scores; they stand here because the files of searches are frozen."""
+"""Costs of searches that do more than compare scores. They stand here, so that a cost leaves the digest of a search."""
 SHIPPED = DeclaredCost(None, 4e3)
 """Cost of the other searches of saf_gen, which look at no counts. All were measured as time at OPERATIONS_PER_S."""
 
