@@ -66,14 +66,16 @@ METHODS: Mapping[str, Sequence[str]] = {
 GUESS = "sd+middle"  # what every camera has without looking
 
 
-def rate_at(lux: float) -> float:
+def rate_at(lux: float, dark: str = "") -> float:
     """Return the mean rate of the spike camera, with its dark current, at a light of ``lux`` on its pixels."""
     sensor = get_sensor(BASE)
     charge = lux / LUMENS_PER_W * electrons_per_irradiance(sensor)
-    return float(firing_rate(np.array(charge + sensor.mean_dark_e), sensor))
+    return float(firing_rate(np.array(charge + (0.0 if dark == "none" else sensor.mean_dark_e)), sensor))
 
 
-def recipe(pixels: Sensor, *, split: str, members: int, lux: float, seconds: float = 1.0) -> dict[str, Any]:
+def recipe(
+    pixels: Sensor, *, split: str, members: int, lux: float, seconds: float = 1.0, dark: str = ""
+) -> dict[str, Any]:
     """Return the recipe of a camera with these pixels; members, motions and light are those of all cameras."""
     finer = get_sensor(BASE).pitch_m / pixels.pitch_m
     edition = yaml.safe_load(EDITION.read_text(encoding="utf-8"))
@@ -84,7 +86,7 @@ def recipe(pixels: Sensor, *, split: str, members: int, lux: float, seconds: flo
         "camera": {
             "sensor": "pixels.yaml",
             "frames": round(pixels.readout_hz * seconds),
-            "exposure": {"mean_rate": rate_at(lux)},
+            "exposure": {"mean_rate": rate_at(lux, dark)},
         },
         "focus": {"positions": round(POSITIONS * finer) + 1, "motion": edition["focus"]["motion"]},
         "render": {"samples": max(round(SAMPLES / finer**2), FEWEST_SAMPLES)},
@@ -94,9 +96,14 @@ def recipe(pixels: Sensor, *, split: str, members: int, lux: float, seconds: flo
     }
 
 
-def pixels_of(camera: Any) -> Sensor:
-    """Return the spike sensor with the pixels of a camera, over the field, that fires as often in the same light."""
+def pixels_of(camera: Any, dark: str = "") -> Sensor:
+    """Return the spike sensor with the pixels of a camera, over the field, that fires as often in the same light.
+
+    Its dark current may be ``even`` over the pixels, or ``none``.
+    """
     base = get_sensor(BASE)
+    if dark:
+        base = base.with_noise(dark=False) if dark == "none" else replace(base, dark_log_sd=0.0, dark_hot_fraction=0.0)
     side = round(FIELD_M / camera.pitch_m)
     area = camera.pitch_m**2 * camera.fill_factor * camera.quantum_efficiency
     collected = area / (base.pitch_m**2 * base.fill_factor * base.quantum_efficiency)
@@ -184,6 +191,7 @@ def run(
     methods: Sequence[str] = (),
     loop: bool = False,
     threshold: float | None = None,
+    dark: str = "",
 ) -> list[Path]:
     """Render, record and judge one camera in ``folder``; return the files of its records, one for each region.
 
@@ -205,9 +213,9 @@ def run(
                 (dataset / part).symlink_to(Path("..") / part, target_is_directory=True)
     except OSError as error:
         raise unwritable(folder, error) from error
-    pixels = pixels_of(camera)
+    pixels = pixels_of(camera, dark)
     write_text(folder / "pixels.yaml", yaml.safe_dump({"kind": "spikes", **pixels.as_dict()}, sort_keys=False))
-    made_by = recipe(pixels, split=split, members=members, lux=lux, seconds=seconds)
+    made_by = recipe(pixels, split=split, members=members, lux=lux, seconds=seconds, dark=dark)
     write_text(folder / "recipe.yaml", yaml.safe_dump(made_by, sort_keys=False))
     made = generate(resolve_recipe(folder / "recipe.yaml"), dataset, tell=print)
     _refuse_failures(made.failed)
@@ -257,6 +265,7 @@ def main(given: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=1.0, help="time of the sweep")
     parser.add_argument("--loop", action="store_true", help="move the lens of a running camera, for 0.3 s")
     parser.add_argument("--threshold", type=float, help="of events, 0.14 to 0.23 (default: 0.2)")
+    parser.add_argument("--dark", default="", choices=["even", "none"], help="dark current of the spike sensor")
     parser.add_argument("--method", nargs="+", default=[], help="methods in place of those of each camera")
     asked = parser.parse_args(given)
     try:
@@ -269,7 +278,7 @@ def main(given: Sequence[str] | None = None) -> int:
             raise BadInput(f"--threshold is {asked.threshold:g}", allowed="0.14 to 0.23, by the data sheet")
         check_writable(asked.out)
         more = {"split": asked.split, "members": asked.members, "seconds": asked.seconds, "methods": asked.method}
-        more |= {"loop": asked.loop, "threshold": asked.threshold}
+        more |= {"loop": asked.loop, "threshold": asked.threshold, "dark": asked.dark}
         for name in asked.camera:
             for lux in asked.lux:
                 for path in run(name, folder=asked.out / name, lux=lux, **more):

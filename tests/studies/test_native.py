@@ -96,6 +96,17 @@ def test_lux_on_the_sensor_are_spikes_by_the_energy_of_their_photons(lux):
     assert native.rate_at(0.0) == pytest.approx(sensor.mean_dark_e / sensor.threshold_e, rel=1e-3)
 
 
+def test_a_spike_sensor_may_have_an_even_dark_current_or_none_in_the_same_light():
+    sensor = native.camera_of(native.BASE, 1.0)
+    even, none = (native.pixels_of(sensor, dark) for dark in ("even", "none"))
+    assert (even.dark_log_sd, even.dark_hot_fraction, even.dark_rate) == (0.0, 0.0, sensor.dark_rate)
+    assert even.noise.dark
+    assert not none.noise.dark
+    light = native.rate_at(1.0) - native.rate_at(0.0)
+    assert native.rate_at(1.0, "none") == pytest.approx(light, rel=1e-3)
+    assert native.rate_at(1.0, "even") == native.rate_at(1.0)
+
+
 @pytest.mark.parametrize(("lux", "hz"), [(1.0, 10.0), (25.0, 5.0), (125.0, 1.0)])
 def test_events_of_noise_are_those_published_for_the_light(lux, hz):
     assert native.camera_of("davis346", lux).shot_hz == hz
