@@ -193,7 +193,11 @@ def draw(files: Sequence[Path], picture: Path) -> None:
                 )
                 if first:
                     axis.fill_between(lux, low, high, color=colour, alpha=0.15, linewidth=0)
-        axis.set(xscale="log", ylim=(0, 103), title=PLACES[region], xlabel="light on the sensor, lux")
+        axis.set_xscale("log")
+        axis.set_xticks(sorted({lux for time in times for lux, _ in found[region, time]}))
+        axis.xaxis.set_major_formatter("{x:g}")
+        axis.minorticks_off()
+        axis.set(ylim=(0, 103), title=PLACES[region], xlabel="light on the sensor, lux")
         axis.grid(axis="y")
     axes[0].set_ylabel("within one depth of focus, %")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
