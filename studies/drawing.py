@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-__all__ = ["BLUE", "ORANGE", "panels", "save"]
+__all__ = ["BLUE", "GREY", "ORANGE", "panels", "save"]
 
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#6b7280"
 STYLE: dict[Any, Any] = {

@@ -21,12 +21,13 @@ import numpy as np
 from saf_gen.benchmark.records import NO_INSIDE, Record
 from saf_gen.camera import get_sensor, sensor_names
 from saf_gen.errors import BadInput
-from studies.drawing import panels, save
-from studies.ranking.native import BASE, METHODS, PIXELS
+from studies.drawing import GREY, panels, save
+from studies.ranking.native import BASE, FIELD_M, METHODS, PIXELS
 from studies.ranking.packed_records import read_packed_records
 
 DRAWS, SEED = 10_000, 1
 EVENT_BITS = 64  # address and time of an event as cameras send them: AEDAT 2, 32 bits each
+KINDS = ("spikes", "photons", "frames", "events")
 UNANSWERABLE = ("lens at rest", "focus not reached", NO_INSIDE)
 NAMED = re.compile(r"\w+-([\d.]+)-lux-([\d.]+)-s-(target|inside)-records\.xz")
 LOOK = {  # colours of Okabe and Ito
@@ -50,14 +51,14 @@ class Level(NamedTuple):
         without an answer.
     own : mapping of (str, str) to ndarray of float64, shape (n,)
         The same in depths of focus of the camera itself.
-    bits : mapping of (str, str) to float
-        Median of the bits per pixel that left the chip until the answer.
+    megabits : mapping of (str, str) to float
+        Median of the 10⁶ bits that left the chip until the answer.
     """
 
     members: list[str]
     off: Mapping[tuple[str, str], np.ndarray]
     own: Mapping[tuple[str, str], np.ndarray]
-    bits: Mapping[tuple[str, str], float]
+    megabits: Mapping[tuple[str, str], float]
 
 
 def camera_of(record: Record) -> str:
@@ -91,7 +92,7 @@ def level_of(records: Iterable[Record]) -> Level:
         [name.rpartition("-")[0] for name in shared],
         {key: errors(of, own=False) for key, of in held.items()},
         {key: errors(of, own=True) for key, of in held.items()},
-        {key: float(np.median([bits_per_pixel(of[name]) for name in shared])) for key, of in held.items()},
+        {key: float(np.median([megabits(of[name]) for name in shared])) for key, of in held.items()},
     )
 
 
@@ -104,34 +105,30 @@ def interval(values: np.ndarray, members: Sequence[str]) -> tuple[float, float, 
     return float(values.mean()), float(low), float(high)
 
 
-def bits_per_pixel(record: Record) -> float:
-    """Return the bits per pixel that leave the chip in the frames that a method saw; a name of a sensor tells its kind.
+def megabits(record: Record) -> float:
+    """Return the 10⁶ bits of the field that leave the chip in the frames that a method saw.
 
-    One per readout of a spike or photon, the bits of a number per frame, and with events their mean rate over the
-    recording. NaN if the record does not name its sensor.
+    The name of the sensor tells its kind: one bit per readout of a spike or photon, those of a number for each pixel
+    of a frame, also of pixels that are summed off the chip, and with events their mean rate over the recording. NaN if
+    the record names no sensor or no rate.
     """
-    if record.what.sensor is None:
-        return np.nan
     name = camera_of(record)
-    if name in sensor_names("frames"):
-        return float(record.judgement.frames_seen * get_sensor(name, kind="frames").bits)
-    if name in sensor_names("events"):
-        return (
-            np.nan
-            if record.what.mean_rate is None
-            else record.what.mean_rate * record.judgement.frames_seen * EVENT_BITS
-        )
-    return float(record.judgement.frames_seen)
+    kind = next((kind for kind in KINDS if name in sensor_names(kind)), None)
+    if kind is None:
+        return np.nan
+    sensor, seen = get_sensor(name, kind=kind), record.judgement.frames_seen
+    bits = {"frames": getattr(sensor, "bits", 1), "events": (record.what.mean_rate or np.nan) * EVENT_BITS}.get(kind, 1)
+    return float(seen * bits * round(FIELD_M / sensor.pitch_m) ** 2 / 1e6)
 
 
 def order(levels: Sequence[Level]) -> list[tuple[str, str]]:
-    """Return cameras and methods that all levels have, by the cameras' order, best first."""
+    """Return cameras and methods that all levels have, in the order in which training members put them."""
     keys = set.intersection(*(set(level.off) for level in levels))
-    cameras = list(LOOK)
+    known = [(camera, method) for camera in LOOK for method in METHODS[camera]]
 
-    def place(key: tuple[str, str]) -> tuple[int, float, str]:
-        number = cameras.index(key[0]) if key[0] in cameras else len(cameras)
-        return number, -sum(float((level.off[key] <= 1).mean()) for level in levels), key[1]
+    def place(key: tuple[str, str]) -> tuple[int, int, str]:
+        camera = list(LOOK).index(key[0]) if key[0] in LOOK else len(LOOK)
+        return camera, known.index(key) if key in known else len(known), key[1]
 
     return sorted(keys, key=place)
 
@@ -156,8 +153,12 @@ def lead_cells(levels: Sequence[Level], camera: str) -> list[str]:
 
 
 def cost_cells(level: Level, key: tuple[str, str]) -> list[str]:
-    """Return the median error, the success within one depth of the camera's own, and the bits per pixel."""
-    return [f"{np.median(level.off[key]):.2f}", f"{100 * (level.own[key] <= 1).mean():.0f}", f"{level.bits[key]:,.0f}"]
+    """Return the median error, the success within one depth of the camera's own, and the 10⁶ bits."""
+    return [
+        f"{np.median(level.off[key]):.2f}",
+        f"{100 * (level.own[key] <= 1).mean():.0f}",
+        f"{level.megabits[key]:,.3g}",
+    ]
 
 
 def draw(files: Sequence[Path], picture: Path) -> None:
@@ -199,6 +200,8 @@ def draw(files: Sequence[Path], picture: Path) -> None:
         axis.minorticks_off()
         axis.set(ylim=(0, 103), title=PLACES[region], xlabel="light on the sensor, lux")
         axis.grid(axis="y")
+    for seconds in times[1:]:
+        axes[0].plot([], [], ":", color=GREY, label=f"dotted: sweeps of {seconds:g} s")
     axes[0].set_ylabel("within one depth of focus, %")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
     save(figure, picture)

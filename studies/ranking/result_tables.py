@@ -175,12 +175,19 @@ def tabulate_frames(columns: Sequence[Column]) -> str:
     return _grid(["method", *(column.title for column in columns)], lines)
 
 
+def _light(column: Column) -> str:
+    """Return light and time of a file of ``studies.ranking.native``, after its dark current if that was changed."""
+    first, *rest = column.title.split("-")
+    said = " ".join(rest[:2] if rest[2:3] == ["1"] else rest[:4])
+    return f"{first}, {said}" if first.startswith("dark") else said
+
+
 def tabulate_cameras(columns: Sequence[Column]) -> str:
     """Return a table of the success of each camera's methods at each level of light, a column each."""
     levels = [cameras.level_of(column.records()) for column in columns]
     lines = ([camera, f"`{method}`"] for camera, method in cameras.order(levels))
     cells = (cameras.success_cells(levels, key) for key in cameras.order(levels))
-    header = ["camera", "method", *(" ".join(column.title.split("-")[1:5]) for column in columns)]
+    header = ["camera", "method", *(_light(column) for column in columns)]
     return _grid(header, (line + row for line, row in zip(lines, cells, strict=True)))
 
 
@@ -188,17 +195,16 @@ def tabulate_camera_leads(columns: Sequence[Column]) -> str:
     """Return a table of the points by which the best method of each camera is ahead of that of the spike camera."""
     levels = [cameras.level_of(column.records()) for column in columns]
     others = dict.fromkeys(camera for camera, _ in cameras.order(levels) if camera != cameras.BASE)
-    header = ["camera", *(" ".join(column.title.split("-")[1:5]) for column in columns)]
+    header = ["camera", *(_light(column) for column in columns)]
     return _grid(header, ([camera, *cameras.lead_cells(levels, camera)] for camera in others))
 
 
 def tabulate_camera_costs(columns: Sequence[Column]) -> str:
-    """Return a table of the median error of each camera's methods, success by its own depth, and bits per pixel."""
+    """Return a table of the median error of each camera's methods, success by its own depth, and bits sent."""
     levels = [cameras.level_of(column.records()) for column in columns]
     header = ["camera", "method"]
     for column in columns:
-        said = " ".join(column.title.split("-")[1:3])
-        header += [f"{said}: median error, DoF", "≤ 1 DoF of its own, %", "bits per pixel"]
+        header += [f"{_light(column)}: median error, DoF", "≤ 1 DoF of its own, %", "Mbit"]
     lines = []
     for camera, method in cameras.order(levels):
         lines.append([camera, f"`{method}`"])

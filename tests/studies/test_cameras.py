@@ -5,7 +5,7 @@ import pytest
 from handmade_records import change, failed, record
 
 from studies.ranking import result_tables
-from studies.ranking.cameras import bits_per_pixel, interval, level_of, main
+from studies.ranking.cameras import interval, level_of, main, megabits
 from studies.ranking.native import BASE, METHODS
 from studies.ranking.packed_records import write_packed_records
 
@@ -64,14 +64,14 @@ def test_the_tables_of_a_page_have_a_column_for_each_level(files):
     names = " ".join(file.name.removesuffix("-records.xz") for file in files)
     page = result_tables.rewrite(f"<!-- table: cameras {names} -->\n<!-- end -->\n", files[0].parent)
     head, _, spikes, photons = page.splitlines()[2:6]
-    assert head == "|camera|method|1 lux 1 s|25 lux 1 s|"
+    assert head == "|camera|method|1 lux|25 lux|"
     assert spikes.startswith(f"|{BASE}|`{METHODS[BASE][0]}`|100 (100) [100–100]|")
     assert photons.startswith(f"|qvga_spad|`{METHODS['qvga_spad'][0]}`|67 (67) [")
     leads = result_tables.rewrite(f"<!-- table: camera_leads {names} -->\n<!-- end -->\n", files[0].parent)
     assert leads.splitlines()[4].startswith("|qvga_spad|-33 [-")
     assert leads.splitlines()[4].endswith("|+0 [+0 to +0]|")
     costs = result_tables.rewrite(f"<!-- table: camera_costs {names} -->\n<!-- end -->\n", files[0].parent)
-    assert costs.splitlines()[4].endswith("|0.20|100|800|0.20|100|800|")
+    assert costs.splitlines()[4].endswith("|0.20|100|3.28|0.20|100|3.28|")
 
 
 def test_the_picture_is_drawn(files, tmp_path):
@@ -94,20 +94,20 @@ def test_a_file_that_does_not_name_its_light_or_cannot_be_read_is_one_line(files
 @pytest.mark.parametrize(
     ("sensor", "bits"),
     [
-        ("vidar_128x128", 300),
-        ("qvga_spad", 300),
-        ("imx273", 3600),
-        ("imx273#88a75e", 3600),  # a preset that was changed
-        ("davis346", 0.01 * 300 * 64),
+        ("vidar_128x128_pixels#1234ab", 300 * 64**2),
+        ("qvga_spad", 300 * 160**2),
+        ("imx273#88a75e", 300 * 12 * 371**2),  # a preset that was changed: pixels are summed off the chip
+        ("davis346", 0.01 * 300 * 64 * 69**2),
     ],
 )
 def test_bits_leave_the_chip_as_the_kind_of_the_sensor_says(sensor, bits):
     seen = change(record("a+s", "m0-dim", 0.2), sensor=sensor, frames_seen=300, mean_rate=0.01)
-    assert bits_per_pixel(seen) == pytest.approx(bits)
+    assert megabits(seen) == pytest.approx(bits / 1e6)
 
 
-def test_bits_of_an_unknown_sensor_are_unknown():
-    assert np.isnan(bits_per_pixel(change(record("a+s", "m0-dim", 0.2), sensor=None)))
+@pytest.mark.parametrize("sensor", [None, "camera"])
+def test_bits_of_an_unknown_sensor_are_unknown(sensor):
+    assert np.isnan(megabits(change(record("a+s", "m0-dim", 0.2), sensor=sensor)))
 
 
 @pytest.mark.slow

@@ -50,7 +50,8 @@ class EventReversal:
 
     The search looks at events and takes no score, so it does not matter which measure precedes it. It looks at the
     entire sweep, and abstains if no event came. If lens positions are not recorded, frames are used in their place. The
-    trace holds the answer alone, in frames from 0. In mains flicker it seldom finds the focus.
+    trace holds the answer alone, in frames from 0. In mains flicker it seldom finds the focus, and never in a sweep so
+    slow that a pixel sends dozens of events of noise: it takes them for thresholds that differ.
 
     References
     ----------
