@@ -97,6 +97,12 @@ def test_the_answer_is_the_edge_of_a_step_and_flipped_polarities_give_the_same()
     assert answer.trace == (answer.frame,)
 
 
+@pytest.mark.parametrize(("focus", "frame"), [(-300, 0.0), (8300, FRAMES - 1.0)])
+def test_an_answer_at_an_end_is_a_frame_of_the_recording(focus, frame):
+    assert find(planted(focus=focus)).frame == pytest.approx(frame, abs=STEP)
+    assert 0 <= find(planted(focus=focus)).frame <= FRAMES - 1
+
+
 def test_it_abstains_without_events():
     answer = find(planted(focus=20_000))
     assert (answer.frame, answer.note) == (None, "no events")

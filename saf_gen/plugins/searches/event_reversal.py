@@ -82,7 +82,7 @@ class EventReversal:
         pictures, places = _pictures(steps, totals, at=at)
         score = _unit(_undone(pictures)) + _unit(_sharpness(pictures))
         place = places[gaussian_filter1d(score, SMOOTHING, mode="nearest").argmax()]
-        frame = max(float(edges[np.abs(at - place).argmin()]) - 0.5, 0.0)
+        frame = min(max(float(edges[np.abs(at - place).argmin()]) - 0.5, 0.0), view.frames - 1.0)
         return Answer(frame, (frame,))
 
 
