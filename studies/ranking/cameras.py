@@ -20,6 +20,8 @@ import numpy as np
 
 from saf_gen.benchmark.records import NO_INSIDE, Record
 from saf_gen.camera import get_sensor, sensor_names
+from saf_gen.camera.kinds import OURS
+from saf_gen.core.files import check_writable
 from saf_gen.errors import BadInput
 from studies.drawing import GREY, panels, save
 from studies.ranking.native import BASE, FIELD_M, METHODS, PIXELS
@@ -27,9 +29,8 @@ from studies.ranking.packed_records import read_packed_records
 
 DRAWS, SEED = 10_000, 1
 EVENT_BITS = 64  # address and time of an event as cameras send them: AEDAT 2, 32 bits each
-KINDS = ("spikes", "photons", "frames", "events")
 UNANSWERABLE = ("lens at rest", "focus not reached", NO_INSIDE)
-NAMED = re.compile(r"\w+-([\d.]+)-lux-([\d.]+)-s-(target|inside)-records\.xz")
+NAMED = re.compile(r"(\w+)-([\d.]+)-lux-([\d.]+)-s-(target|inside)-records\.xz")
 LOOK = {  # colours of Okabe and Ito
     BASE: ("spikes", "#0072B2", "o"),
     "imx273": ("frames", "#D55E00", "s"),
@@ -83,10 +84,14 @@ def level_of(records: Iterable[Record]) -> Level:
         raise BadInput("no recording has an answer with every camera", allowed=f"records of {BASE} and of others")
 
     def errors(of: Mapping[str, Record], *, own: bool) -> np.ndarray:
-        found = [of[name].judgement for name in shared]
-        sizes = [one.depth_of_focus if own else depths[name] for name, one in zip(shared, found, strict=True)]
-        off = [one.error for one in found]
-        return np.array([abs(e) / d if e is not None and d else np.inf for e, d in zip(off, sizes, strict=True)])
+        answers = {name: of[name].judgement for name in shared}
+        sizes = {name: answer.depth_of_focus if own else depths[name] for name, answer in answers.items()}
+        return np.array(
+            [
+                abs(answer.error) / size if answer.error is not None and (size := sizes[name]) else np.inf
+                for name, answer in answers.items()
+            ]
+        )
 
     return Level(
         [name.rpartition("-")[0] for name in shared],
@@ -113,7 +118,7 @@ def megabits(record: Record) -> float:
     the record names no sensor or no rate.
     """
     name = camera_of(record)
-    kind = next((kind for kind in KINDS if name in sensor_names(kind)), None)
+    kind = next((kind for kind in OURS if name in sensor_names(kind)), None)
     if kind is None:
         return np.nan
     sensor, seen = get_sensor(name, kind=kind), record.judgement.frames_seen
@@ -146,7 +151,10 @@ def lead_cells(levels: Sequence[Level], camera: str) -> list[str]:
     """Return, for each level, by how many points the best method of a camera is ahead of that of the spike camera."""
     cells = []
     for level in levels:
-        own, spikes = (level.off[name, METHODS[name][0]] <= 1 for name in (camera, BASE))
+        keys = [(name, METHODS[name][0]) for name in (camera, BASE)]
+        if missing := [method for name, method in keys if (name, method) not in level.off]:
+            raise BadInput(f"there are no records of {missing[0]}", allowed="records of the best method of each camera")
+        own, spikes = (level.off[key] <= 1 for key in keys)
         mean, low, high = interval(100.0 * own - 100.0 * spikes, level.members)
         cells.append(f"{mean:+.0f} [{low:+.0f} to {high:+.0f}]")
     return cells
@@ -163,21 +171,25 @@ def cost_cells(level: Level, key: tuple[str, str]) -> list[str]:
 
 def draw(files: Sequence[Path], picture: Path) -> None:
     """Draw the success of the best method of each camera over the light; raise BadInput if a file cannot be used."""
-    found: dict[tuple[str, float], list[tuple[float, Level]]] = {}
+    drawn: dict[tuple[str, float], dict[float, Level]] = {}
+    splits = set()
     for file in files:
         named = NAMED.fullmatch(file.name)
         if named is None:
             raise BadInput(f"the file is named {file.name!r}", allowed="SPLIT-L-lux-S-s-REGION-records.xz")
-        lux, seconds, region = named.groups()
-        found.setdefault((region, float(seconds)), []).append((float(lux), level_of(read_packed_records(file))))
-    regions = [region for region in PLACES if any(place == region for place, _ in found)]
+        split, lux, seconds, region = named.groups()
+        splits.add(split)
+        drawn.setdefault((region, float(seconds)), {})[float(lux)] = level_of(read_packed_records(file))
+    if len(splits) > 1:
+        raise BadInput(f"the files are of {', '.join(sorted(splits))}", allowed="files of one split and condition")
+    regions = [region for region in PLACES if any(place == region for place, _ in drawn)]
     figure, (axes,) = panels(1, len(regions), width=1 + 3.6 * len(regions), height=3.3)
     for axis, region in zip(axes, regions, strict=True):
-        times = sorted(seconds for place, seconds in found if place == region)
+        times = sorted(seconds for place, seconds in drawn if place == region)
         for camera, (word, colour, mark) in LOOK.items():
             key = camera, METHODS[camera][0]
             for seconds in times:
-                levels = sorted((lux, level) for lux, level in found[region, seconds] if key in level.off)
+                levels = sorted((lux, of) for lux, of in drawn[region, seconds].items() if key in of.off)
                 ends = [100 * np.array(interval((of.off[key] <= 1).astype(float), of.members)) for _, of in levels]
                 if not ends:
                     continue
@@ -195,7 +207,7 @@ def draw(files: Sequence[Path], picture: Path) -> None:
                 if first:
                     axis.fill_between(lux, low, high, color=colour, alpha=0.15, linewidth=0)
         axis.set_xscale("log")
-        axis.set_xticks(sorted({lux for time in times for lux, _ in found[region, time]}))
+        axis.set_xticks(sorted({lux for time in times for lux in drawn[region, time]}))
         axis.xaxis.set_major_formatter("{x:g}")
         axis.minorticks_off()
         axis.set(ylim=(0, 103), title=PLACES[region], xlabel="light on the sensor, lux")
@@ -214,6 +226,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("files", type=Path, nargs="+", help="packed records of all cameras at a level of light")
     given = parser.parse_args(argv)
     try:
+        check_writable(given.picture.parent)
         draw(given.files, given.picture)
     except BadInput as error:
         print(error, file=sys.stderr)

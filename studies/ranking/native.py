@@ -12,6 +12,7 @@ time of the sweep.
 
 Levels of light share stacks. Recordings are removed once they are judged in the target's box and inside the target;
 ``FOLDER/CAMERA/SPLIT-L-lux-S-s-REGION.jsonl`` holds the records, and a second run goes on where the first one ended.
+Conditions that are not the camera's own (``--dark``, ``--threshold``) are part of the name, after the split.
 """
 
 import argparse
@@ -44,6 +45,7 @@ from saf_gen.stream.manifest import read_manifest
 EDITION = Path(__file__).resolve().parents[2] / "recipes" / "saf_bench.yaml"
 FIELD_M = 1.28e-3  # side of the square that all cameras see: 64 pixels of a spike camera
 BASE = "vidar_128x128"  # the spike camera, in whose rate the light is set
+EVENTS = "davis346"
 PIXELS = "_pixels"  # end of the name of a spike sensor with the pixels of a camera
 LUMENS_PER_W = 683.0  # at 555 nm
 LEVELS_LUX = (1.0, 5.0, 25.0, 125.0, 625.0)
@@ -128,28 +130,28 @@ def camera_of(name: str, lux: float, threshold: float | None = None) -> Any:
     """
     if name == BASE:
         return get_sensor(name)
-    if name == "davis346":
+    if name == EVENTS:
         sensor = get_sensor(name, kind="events")
         return biased(sensor, threshold=threshold or sensor.threshold_on, lux=lux)
     if name == "qvga_spad":
         return get_sensor(name, kind="photons")
-    one = get_sensor(name, kind="frames")
-    rows = round(FIELD_M / one.pitch_m)
+    chip = get_sensor(name, kind="frames")
+    rows = round(FIELD_M / chip.pitch_m)
     hz = round(1 / ((rows + PAUSE_ROWS) * ROW_S), 1)
     return get_sensor(
         name,
         kind="frames",
         rows=rows // BIN,
         columns=rows // BIN,
-        pitch_m=BIN * one.pitch_m,
+        pitch_m=BIN * chip.pitch_m,
         readout_hz=hz,
-        exposure_s=min(one.exposure_s, 1 / hz),
-        full_well_e=BIN**2 * one.full_well_e,
-        read_noise_e=BIN * one.read_noise_e,
-        bits=one.bits + 4,
-        black_level_dn=BIN**2 * one.black_level_dn,
-        dark_e_per_s=BIN**2 * one.dark_e_per_s,
-        response_rms=one.response_rms / BIN,
+        exposure_s=min(chip.exposure_s, 1 / hz),
+        full_well_e=BIN**2 * chip.full_well_e,
+        read_noise_e=BIN * chip.read_noise_e,
+        bits=chip.bits + 4,
+        black_level_dn=BIN**2 * chip.black_level_dn,
+        dark_e_per_s=BIN**2 * chip.dark_e_per_s,
+        response_rms=chip.response_rms / BIN,
     )
 
 
@@ -199,8 +201,10 @@ def run(
 
     Raises BadInput if a sequence fails, or the folder cannot be written to.
     """
-    camera, level = camera_of(name, lux, threshold), f"{split}-{lux:g}-lux-{seconds:g}-s"
-    asked = [*(methods or METHODS[name]), GUESS]
+    camera = camera_of(name, lux, threshold)
+    condition = (f"_dark_{dark}" if dark else "") + ("" if threshold is None else f"_threshold_{threshold:g}")
+    level = f"{split}{condition}-{lux:g}-lux-{seconds:g}-s"
+    asked = list(dict.fromkeys([*(methods or METHODS[name]), GUESS]))
     kept = {region: folder / f"{level}-{region}.jsonl" for region in ((LOOP,) if loop else REGIONS)}
     if all(_holds(path, asked, members) for path in kept.values()):
         return list(kept.values())
@@ -244,8 +248,8 @@ def protocol() -> ClosedLoopProtocol:
 
 def _holds(path: Path, methods: Sequence[str], members: int) -> bool:
     """Return whether a file has the records of these methods on so many members."""
-    found = [(record.who.method, record.what.sequence) for record in read_records(path)] if path.exists() else []
-    return {method for method, _ in found} == set(methods) and len(found) == len(methods) * members
+    records = read_records(path) if path.exists() else []
+    return {record.who.method for record in records} == set(methods) and len(records) == len(methods) * members
 
 
 def _refuse_failures(failed: Mapping[str, object]) -> None:
@@ -276,6 +280,9 @@ def main(given: Sequence[str] | None = None) -> int:
             )
         if asked.threshold is not None and not LEAST_THRESHOLD <= asked.threshold <= MOST_THRESHOLD:
             raise BadInput(f"--threshold is {asked.threshold:g}", allowed="0.14 to 0.23, by the data sheet")
+        for option, of in (("dark", BASE), ("threshold", EVENTS)):
+            if getattr(asked, option) and asked.camera != [of]:
+                raise BadInput(f"--{option} is given for {', '.join(asked.camera)}", allowed=f"--camera {of}")
         check_writable(asked.out)
         more = {"split": asked.split, "members": asked.members, "seconds": asked.seconds, "methods": asked.method}
         more |= {"loop": asked.loop, "threshold": asked.threshold, "dark": asked.dark}

@@ -176,10 +176,10 @@ def tabulate_frames(columns: Sequence[Column]) -> str:
 
 
 def _light(column: Column) -> str:
-    """Return light and time of a file of ``studies.ranking.native``, after its dark current if that was changed."""
+    """Return light and time of a file of ``studies.ranking.native``, after its split and condition if not ``test``."""
     first, *rest = column.title.split("-")
     said = " ".join(rest[:2] if rest[2:3] == ["1"] else rest[:4])
-    return f"{first}, {said}" if first.startswith("dark") else said
+    return ", ".join(word for word in (first.removeprefix("test").strip(), said) if word)
 
 
 def tabulate_cameras(columns: Sequence[Column]) -> str:

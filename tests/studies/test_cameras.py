@@ -1,5 +1,7 @@
 """The comparison of cameras: which recordings count, whose depth of focus, and the picture over the light."""
 
+import shutil
+
 import numpy as np
 import pytest
 from handmade_records import change, failed, record
@@ -70,6 +72,10 @@ def test_the_tables_of_a_page_have_a_column_for_each_level(files):
     leads = result_tables.rewrite(f"<!-- table: camera_leads {names} -->\n<!-- end -->\n", files[0].parent)
     assert leads.splitlines()[4].startswith("|qvga_spad|-33 [-")
     assert leads.splitlines()[4].endswith("|+0 [+0 to +0]|")
+    spikes_and_frames = [*answers(BASE, METHODS[BASE][0]), *answers("imx273", "a+s")]
+    write_packed_records(files[0].with_name("other-records.xz"), spikes_and_frames)
+    with pytest.raises(Exception, match="there are no records of fine_structure"):
+        result_tables.rewrite("<!-- table: camera_leads other -->\n<!-- end -->\n", files[0].parent)
     costs = result_tables.rewrite(f"<!-- table: camera_costs {names} -->\n<!-- end -->\n", files[0].parent)
     assert costs.splitlines()[4].endswith("|0.20|100|3.28|0.20|100|3.28|")
 
@@ -80,6 +86,11 @@ def test_the_picture_is_drawn(files, tmp_path):
 
 
 def test_a_file_that_does_not_name_its_light_or_cannot_be_read_is_one_line(files, tmp_path, capsys):
+    assert main([str(files[0] / "cameras.png"), *map(str, files)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1, "a folder that is a file"
+    copy = shutil.copy(files[1], files[1].with_name(files[1].name.replace("test-", "train-")))
+    assert main([str(tmp_path / "cameras.png"), str(files[1]), str(copy)]) == 2
+    assert "the files are of test, train" in capsys.readouterr().err
     other = files[0].rename(files[0].with_name("inside-records.xz"))
     broken = files[1]
     broken.write_bytes(b"")

@@ -75,6 +75,11 @@ def test_levels_of_light_share_stacks_and_keep_their_records_without_the_recordi
     assert native.main([*asked[:-2], "200", "--method", "variance+argmax:window=1"]) == 0
     again = read_records(tmp_path / "imx273" / "test-200-lux-1-s-inside.jsonl")
     assert {r.who.method for r in again} == {"variance+argmax:window=1", native.GUESS}, "other methods are run"
+    spikes = ["--out", str(tmp_path), *CAMERAS, "--camera", native.BASE, "--lux", "200", "--dark", "even"]
+    assert native.main(spikes) == 0
+    even = read_records(tmp_path / native.BASE / "test_dark_even-200-lux-1-s-inside.jsonl")
+    usual = read_records(tmp_path / native.BASE / "test-200-lux-1-s-inside.jsonl")
+    assert even[0].what.data != usual[0].what.data, "another dark current has records of its own"
 
 
 def test_members_are_those_of_the_first_edition_with_one_light_each():
@@ -131,6 +136,8 @@ def test_noise_crosses_a_lower_threshold_more_often_by_the_law_of_rice():
         (["--lux", "5", "1e9"], "0.01 to 1500 lux"),
         (["--seconds", "0"], "0.01 to 1500 lux"),
         (["--threshold", "0.1"], "0.14 to 0.23"),
+        (["--threshold", "0.14"], "--camera davis346"),
+        (["--dark", "even"], "--camera vidar_128x128"),
     ],
 )
 def test_light_and_time_that_no_camera_meets_are_one_line(tmp_path, more, words, capsys):

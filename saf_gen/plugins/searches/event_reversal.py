@@ -39,7 +39,7 @@ class EventReversal:
 
     - Let A be the change since the one end, B that to the other, both without what a blur of 2 pixels leaves. The mean
       of −A·B over the pixels is (c − c0)·(c − c1) times the variance of the scene, where its contrast is c, and c0 and
-      c1 at the ends. Noise, of which nothing is undone, adds nothing on average.
+      c1 at the ends. Noise, of which nothing is undone, adds nothing on average, unless it is taken back (below).
     - The picture less its median over all places, in which the scene is blurred, has the covariance of neighbours at
       one pixel less that at two. It is largest in focus, at an end of the range too, and noise that differs from pixel
       to pixel adds nothing. Values are limited to two standard deviations.
